@@ -240,7 +240,7 @@ LARGEST_ERROR, LARGEST_TRAVEL_ERROR = 0.2, 0.4
 """By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
 GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
 """A what-if is reported if that much more and less loop gain change no verdict, and the error by less than this."""
-HUNTS_ABOVE = 0.8
+FITTED_HUNTS_ABOVE = 0.8
 """Margin that predicts hunting; less than that of a plant that is known, 0.85: the gain of this one is fitted."""
 _FREQUENCIES, _DEPTHS = 400, 400
 
@@ -250,7 +250,8 @@ class FittedLoop(NamedTuple):
 
     kp: 1/K.  ti, sample_time: s.  action: ``cooling`` or ``heating``.
     gain: K per stroke at the middle opening, below 0 for cooling.
-    margin: largest |L| |N| where 0–90° of phase margin are left; above ``HUNTS_ABOVE`` the loop hunts behind any gap.
+    margin: largest |L| |N| where 0–90° of phase margin are left; above ``FITTED_HUNTS_ABOVE`` the loop hunts behind any
+        gap.
     explained_command, explained_temperature: shares of the variance of their changes that PI and plant explain.
     doubt: why the loop is not to be trusted; empty if it is.
     """

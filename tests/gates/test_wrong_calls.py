@@ -21,7 +21,7 @@ from fastcoil.deliver.figures import study
 
 pytestmark = pytest.mark.kernel
 
-_SAMPLE = 250
+_SAMPLE = 400
 _LONGEST = 3000
 """Characters of a message."""
 _STUDY = """

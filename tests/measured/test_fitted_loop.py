@@ -7,7 +7,7 @@ import pytest
 from helpers.shared_data import measured
 
 from fastcoil.measured.fitted_loop import (
-    HUNTS_ABOVE,
+    FITTED_HUNTS_ABOVE,
     Day,
     FittedLoop,
     Played,
@@ -109,7 +109,7 @@ def test_a_gap_is_worth_something_at_all(logged):
 def test_a_loop_that_hunts_is_foretold_to_stop_with_a_slower_controller():
     log, rmse, travel = day(kp=0.05, ti=11.0, backlash=0.1)
     found = fit_loop_model(*log, INTERVAL, 0.1, STROKE)
-    assert found.margin > HUNTS_ABOVE
+    assert found.margin > FITTED_HUNTS_ABOVE
     as_it_is = what_if(found)
     assert as_it_is.hunts
     assert as_it_is.rmse == pytest.approx(rmse, rel=0.1)

@@ -207,10 +207,11 @@ def test_a_folder_with_an_odd_name_keeps_it_and_one_without_a_study_is_told_so(o
     assert "none holds no study" in fastcoil("archive", tmp_path / "none").output
 
 
-def test_where_a_folder_is_wanted_an_archive_is_to_be_unpacked_first(out, tmp_path):
+@pytest.mark.parametrize("command", ["report", "plot", "cite", "status", "archive", ("rerun", "--at", AT), "export"])
+def test_where_a_folder_is_wanted_an_archive_is_to_be_unpacked_first(out, tmp_path, command):
     copied(PLAIN, out)
     path = pack(out, tmp_path / "given.zip").path
-    for name in ("report", "plot", "cite", "status", "archive", "rerun", "export"):
-        done = fastcoil(name, path, *{"rerun": ["--at", AT], "export": ["--csv"]}.get(name, []))
-        assert done.exit_code == 2
-        assert f"{path} is an archive: unpack it with `unzip {path}`" in done.output
+    name, *options = [command] if isinstance(command, str) else command
+    done = fastcoil(name, path, *options, *(["--csv"] if name == "export" else []))
+    assert done.exit_code == 2
+    assert f"{path} is an archive: unpack it with `unzip {path}`" in done.output

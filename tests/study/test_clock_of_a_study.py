@@ -18,18 +18,28 @@ kind = "csv"
 path = "log.csv"
 [run]
 warm_up = 60
-traces = ["T_sup"]
+traces = {traces}
 trace_interval = 30
 """
 STAMPS = [f"2024-07-01T08:0{k}:00-07:00" for k in range(3)]
 
 
-def test_a_study_opened_again_has_the_start_and_the_time_of_its_traces(write, tmp_path):
+@pytest.fixture
+def run(write, tmp_path):
+    """Return a function that runs the study, with or without traces, and gives its folder."""
     write(["timestamp", *HEADER[1:]], [[stamp, *row[1:]] for stamp, row in zip(STAMPS, ROWS, strict=True)])
 
-    (tmp_path / "study.toml").write_text(STUDY)
-    folder = tmp_path / "out"
-    fc.run_study(tmp_path / "study.toml", folder, n_jobs=1)
+    def run_with(traces):
+        path = tmp_path / "study.toml"
+        path.write_text(STUDY.format(traces=traces))
+        fc.run_study(path, tmp_path / "out", n_jobs=1)
+        return tmp_path / "out"
+
+    return run_with
+
+
+def test_a_study_opened_again_has_the_start_and_the_time_of_its_traces(run):
+    folder = run('["T_sup"]')
     ds = fc.open_study(folder)
     assert ds.start.values == np.datetime64("2024-07-01T08:00")
     assert ds.start.attrs["time_zone"] == ds.time.attrs["time_zone"] == "UTC-07:00"
@@ -41,3 +51,9 @@ def test_a_study_opened_again_has_the_start_and_the_time_of_its_traces(write, tm
     (traces,) = folder.glob("traces-*.nc")
     with xr.open_dataset(traces) as others:
         np.testing.assert_array_equal(others.time.values, ds.time.values)
+
+
+def test_a_study_without_traces_has_the_start_alone(run):
+    ds = fc.open_study(run("[]"))
+    assert ds.start.values == np.datetime64("2024-07-01T08:00")
+    assert "time" not in ds.coords

@@ -166,7 +166,7 @@ def test_whatever_happens_to_its_bytes_it_is_told_and_nothing_else_happens(sound
     dice = random.Random(17)
     path = tmp_path / "x.zip"
     unseen = 0
-    for _ in range(40):
+    for _ in range(100):
         data = damaged(sound, dice)
         path.write_bytes(data)
         problems = maintenance.verify(path)

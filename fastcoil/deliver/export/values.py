@@ -6,6 +6,7 @@ import ast
 import builtins
 import copy
 import math
+from abc import ABC, abstractmethod
 from types import ModuleType
 from typing import Any
 
@@ -43,14 +44,15 @@ from fastcoil.deliver.export.words import plain_text
 from fastcoil.model.numerics import elementary
 
 
-class Values(Symbols):
+class Values(Symbols, ABC):
     """Evaluates expressions; what needs statements, such as a choice, is stored in a name."""
 
     def _forced(self, value: Any) -> Any:
         return self._value(value.node, value.scope, "value") if isinstance(value, Later) else value
 
+    @abstractmethod
     def _call(self, node: ast.Call, scope: Scope, hint: str) -> Any:
-        raise NotImplementedError
+        """The value of a call, which may need statements."""
 
     def _value(self, node: ast.expr, scope: Scope, hint: str) -> Any:  # noqa: PLR0911 — one for each kind
         if isinstance(node, ast.Constant):

@@ -4,4 +4,9 @@ Read ``folder`` first, for the files by name and the lock, then ``manifest`` (``
 (a file for each finished part, named by its hash), ``result_files`` (``results.nc`` and the traces), ``results`` (what
 has been computed so far, opened or matched with a larger study), ``merge`` (from the parts to ``results.nc``) and
 ``verify`` (everything checked).
+
+The commit protocol: a shard is written to a temporary file, flushed, renamed to a name that contains its SHA-256, and
+its folder flushed (``base.files.commit``, called by ``Shards.commit``).  A run that goes on takes every shard whose
+bytes match its name and computes the others; ``merge`` writes ``results.nc`` in the same way, ``run.json`` records its
+hash, and only then are the shards removed.
 """

@@ -50,6 +50,7 @@ PARTS = ("coil_cost", "demand_cost", "reheat_cost", "recool_cost", "demand")
     ("start", "n", "coil"),
     [
         ("2023-01-01", 365, "cooling"),
+        ("2024-01-01", 366, "cooling"),
         ("2023-11-20T08:00", 75, "gas"),
         ("2024-02-10T20:00", 40, "electric"),
     ],
@@ -153,6 +154,7 @@ def test_the_interval_of_a_median_holds_the_true_one_as_often_as_it_says():
     [
         ({"heat": None}, "heat is missing: give it, or a table [tariff]"),
         ({"electricity": -0.1}, "electricity = -0.1: give the price of a kWh"),
+        ({"demand": "12"}, "demand = '12': give the monthly price"),
         ({"cop": 0.0}, "cop = 0.0: give the coefficient of performance"),
         ({"currency": " "}, "currency = ' ': give its name"),
         ({"electric_heat": 1}, "electric_heat = 1: give True or False"),

@@ -26,12 +26,15 @@ def ds():
 @pytest.mark.parametrize(
     ("label", "text", "same"),
     [
+        (0.07, "0.07", True),
         (0.07, "7e-2", True),
         (0.07, "0.0701", False),
         (1, "1", True),
+        (1, "one", False),
         ("1", "1", True),
         ("1", "1.0", False),
         (np.datetime64("2026-01-02"), "2026-01-02", True),
+        (np.datetime64("2026-01-02"), "2026-01-03", False),
     ],
 )
 def test_a_text_means_a_label_and_no_neighbour_of_it(label, text, same):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.refusals import problems
 
+from fastcoil.base.errors import InputError
 from fastcoil.study.file.sampling import sample_values
 from fastcoil.study.file.spec import read_study
 
@@ -51,6 +52,11 @@ def test_sampled_parameters_are_zipped_along_one_dimension(read):
     np.testing.assert_array_equal(loop["kp"], expected["kp"])
 
 
+def test_a_study_without_a_sample_has_no_method(tmp_path):
+    (tmp_path / "study.toml").write_text("[loop]")
+    assert read_study(tmp_path / "study.toml").sample_method is None
+
+
 VALVE = {
     "rangeability": "{ uniform = [30, 60] }",
     "authority": "{ uniform = [0.2, 0.6] }",
@@ -58,7 +64,7 @@ VALVE = {
 }
 
 
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("count", [1, 2, 3])
 def test_an_installed_valve_may_be_sampled_in_part(read, count):
     constant = {"m_full": 1.2, "rangeability": 50.0, "authority": 0.4}
     sampled = list(VALVE)[:count]
@@ -94,6 +100,7 @@ def test_the_ratio_of_the_estimate_may_be_sampled(read):
 
 GOOD = "method = 'random'\nsize = 4\n"
 KP = "kp = { uniform = [0.01, 0.05] }\n"
+KNOWN = "known: uniform, loguniform, truncnorm, triangular, choice"
 
 
 def problems_of(read, *text):
@@ -106,25 +113,40 @@ def problems_of(read, *text):
         ("size = 4\n" + KP, "[sample] method is missing: give one of latin_hypercube, sobol, random"),
         ("method = 'random'\n" + KP, "[sample] size is missing: give the number of samples"),
         ("method = 'sobl'\nsize = 4\n" + KP, "[sample] method = 'sobl': unknown, did you mean 'sobol'?; choose one of"),
+        ("method = 1\nsize = 4\n" + KP, "[sample] method = 1: unknown; choose one of"),
         ("method = 'sobol'\nsize = 1000\n" + KP, "powers of two, give 512 or 1024"),
+        ("method = 'sobol'\nsize = 9000000\n" + KP, "powers of two, give 8388608"),
         ("method = 'random'\nsize = 0\n" + KP, "[sample] size = 0: must be at least 1 and at most 10000000"),
+        ("method = 'random'\nsize = 10000001\n" + KP, "at most 10000000"),
         ("method = 'random'\nsize = 4.0\n" + KP, "[sample] size = 4.0: give a whole number"),
         (GOOD + "seed = -1\n" + KP, "[sample] seed = -1: must be at least 0"),
+        (GOOD + "seed = 18446744073709551616\n" + KP, "at most 18446744073709551615"),
         (GOOD + "seed = true\n" + KP, "[sample] seed = True: give a whole number"),
         (GOOD, "[sample] no parameter is given: give at least one, such as backlash"),
         (GOOD + "kpp = { uniform = [0, 1] }", "[sample] kpp is not a parameter, did you mean 'kp'?"),
         (GOOD + "kp = 0.1", "[sample] kp = 0.1: give one distribution, such as { uniform = [lowest, highest] }; known"),
+        (GOOD + "kp = [0.1, 0.2]", "[sample] kp = [0.1, 0.2]: give one distribution"),
+        (GOOD + "kp = {}", "[sample] kp = {}: give one distribution"),
         (GOOD + "kp = { uniform = [0, 1], choice = [1] }", "give one distribution"),
         (GOOD + "kp = { unifrm = [0, 1] }", "kp = { unifrm = [0, 1] }: unknown distribution, did you mean 'uniform'?;"),
+        (GOOD + "kp = { beta = [2, 3] }", "kp = { beta = [2, 3] }: unknown distribution; " + KNOWN),
         (GOOD + "kp = { uniform = [1] }", "kp = { uniform = [1] }: give [lowest, highest], 2 finite numbers"),
+        (GOOD + "kp = { uniform = 1 }", "kp = { uniform = 1 }: give [lowest, highest], 2 finite numbers"),
+        (GOOD + "kp = { uniform = ['0', '1'] }", "2 finite numbers"),
         (GOOD + "kp = { uniform = [0, inf] }", "2 finite numbers"),
+        (GOOD + "kp = { uniform = [false, true] }", "2 finite numbers"),
         (GOOD + "kp = { uniform = [0, 1" + 400 * "0" + "] }", "2 finite numbers"),
+        (GOOD + "kp = { triangular = [1, 2] }", "give [lowest, most likely, highest], 3 finite numbers"),
         (GOOD + "kp = { truncnorm = [1, 2] }", "give [mean, standard deviation, lowest, highest], 4 finite numbers"),
         (GOOD + "kp = { uniform = [1, 1] }", "[1, 1] }: the lowest value must be below the highest, give [lowest, hig"),
+        (GOOD + "kp = { loguniform = [2, 1] }", "the lowest value must be below the highest"),
         (GOOD + "kp = { loguniform = [0, 1] }", "the lowest value must be above 0"),
         (GOOD + "kp = { truncnorm = [1, 0, 0, 2] }", "the standard deviation must be above 0"),
+        (GOOD + "kp = { truncnorm = [1, 1, 2, 2] }", "the lowest value must be below the highest"),
         (GOOD + "kp = { triangular = [0, 3, 2] }", "the most likely value must lie between the lowest and the highest"),
+        (GOOD + "kp = { triangular = [2, 2, 2] }", "the lowest value must be below the highest"),
         (GOOD + "kp = { choice = [] }", "kp = { choice = [] }: give a list of at least one value"),
+        (GOOD + "kp = { choice = 3 }", "kp = { choice = 3 }: give a list of at least one value"),
         (GOOD + "kp = { choice = [1, 2, 1.0] }", "kp = { choice = [1, 2, 1.0] }: 1 appears twice, leave one out"),
         (GOOD + "kp = { choice = ['a'] }", "kp = 'a': give a number"),
         (GOOD + "action = { choice = ['cooling', 'warming'] }", "action = 'warming': choose 'cooling' or 'heating'"),
@@ -157,6 +179,23 @@ def test_a_mistake_between_tables_gets_one_sentence(read, before, sentence):
     assert sentence in problem
 
 
+def test_an_installed_valve_that_lacks_a_part_is_refused_once(read):
+    (problem,) = problems_of(read, GOOD + "m_full = { uniform = [1, 2] }", "[loop]\nrangeability = 50")
+    assert problem == "rangeability, authority, m_full go together: authority is missing, give it too"
+    (problem,) = problems_of(
+        read,
+        GOOD + "m_full = { uniform = [1, 2] }",
+        "[loop]\nrangeability = 50\n[cases.x]\na = { authority = 0.3 }\nb = {}",
+    )
+    assert problem == "[cases.x] authority is missing in b: give it in every case"
+
+
 def test_all_mistakes_are_named_at_once(read):
     found = problems_of(read, "method = 'x'\nsize = 0\nseed = 0.5\nkp = 1\nti = { uniform = [2, 1] }\nkpp = 1")
     assert len(found) == 6
+
+
+def test_a_sample_that_is_no_table_is_refused(tmp_path):
+    (tmp_path / "study.toml").write_text("sample = 4\n[loop]")
+    with pytest.raises(InputError, match="sample = 4: give a table"):
+        read_study(tmp_path / "study.toml")

@@ -68,6 +68,14 @@ def read(tmp_path):
     return is_read
 
 
+@pytest.mark.parametrize(
+    ("estimator", "is_right"), [("learner", True), ("mine:rule", True), ("package.mine:rule", True), ("lerner", False)]
+)
+def test_an_estimator_is_a_word_or_a_function(estimator, is_right):
+    for table in ({"loop": {"estimator": estimator}}, {"loop": {}, "sweep": {"estimator": ["none", estimator]}}):
+        assert VALIDATOR.is_valid(table) == is_right
+
+
 @pytest.mark.parametrize("text", OWN)
 def test_a_study_with_a_rule_may_have_parameters_of_its_own_in_every_table(text, read):
     assert read(text)
@@ -93,20 +101,14 @@ def test_without_a_rule_the_same_names_are_wrong(text, read):
     [
         "[loop]\nestimator = 'mine:rule'\ngain = 'much'",
         "[loop]\nestimator = 'mine:rule'\n'the gain' = 1",
+        "[loop]\nestimator = 'mine:rule'\n[sweep]\ngain = 3",
         f"[loop]\n{RULE}[cases.tuning]\nslow = {{ gain = [1, 2] }}",
         f"[loop]\n{RULE}[sample]\n{SAMPLED}gain = {{ between = [0, 1] }}",
         f"[loop]\n{RULE}[sample]\n{SAMPLED}",
         f"titel = 'a rule makes no table of it'\n[loop]\n{RULE}",
+        f"[loop]\n{RULE}[run]\ngain = 3",
     ],
 )
 def test_a_parameter_of_its_own_is_a_number_under_a_name_like_any_other(text, read):
     assert not is_valid(text)
     assert not read(text)
-
-
-@pytest.mark.parametrize(
-    ("estimator", "is_right"), [("learner", True), ("mine:rule", True), ("package.mine:rule", True), ("lerner", False)]
-)
-def test_an_estimator_is_a_word_or_a_function(estimator, is_right):
-    for table in ({"loop": {"estimator": estimator}}, {"loop": {}, "sweep": {"estimator": ["none", estimator]}}):
-        assert VALIDATOR.is_valid(table) == is_right

@@ -37,6 +37,7 @@ def test_an_axis_of_millions_of_values_is_refused(refused):
     "text",
     [
         "[sweep]\nbacklash = { linspace = [0.0, 0.5, 1000000] }\nti = { geomspace = [5, 50, 1000000] }\n",
+        "[sweep]\nbacklash = { linspace = [0.0, 0.5, 1000000] }\n[run]\nreplicates = 4294967296\n",
         '[sample]\nmethod = "saltelli"\nsize = 8388608\nbacklash = { uniform = [0.0, 0.5] }\n'
         "[cases.tuning]\n" + "".join(f"c{k} = {{ kp = 0.01 }}\n" for k in range(1000)),
         "[sweep]\nbacklash = { linspace = [0.0, 0.5, 1000000] }\n"
@@ -53,8 +54,10 @@ def test_more_scenarios_than_memory_holds_are_refused_before_they_are_made(refus
 @pytest.mark.parametrize(
     ("table", "sentence"),
     [
+        ("", "xname0 is unknown"),
         ("[loop]", "[loop] xname0 is not a parameter"),
         ("[sweep]", "[sweep] xname0 is not a parameter"),
+        ("[run]", "[run] xname0 is unknown"),
         ("[boundary]", "[boundary] xname0 is not an argument of paper_day"),
         ("[sample]\nmethod = 'random'\nsize = 2", "[sample] xname0 is not a parameter"),
         ("[cases.tuning]\na = {}\n[cases.tuning.b]", "[cases.tuning] xname0 is not a parameter"),
@@ -79,9 +82,11 @@ def test_the_first_unknown_keys_get_the_name_that_was_meant(refused):
         f"[run]\ntraces = {['nothing'] * 60_000}\n",
         "".join(f"[cases.d{k}.c]\nkp = 0.01\n" for k in range(20_000)),
         f"[sample]\nmethod = 'random'\nsize = 2\nkp = {{ choice = {[-1.0] * 100_000} }}\n",
+        f"[sweep]\nbacklash = {['x' * 10] * 50_000}\n",
         "[cases.tuning]\n" + "".join(f"c{k} = {{ kp = 'a' }}\n" for k in range(20_000)),
         "[cases.tuning]\n" + "".join(f"c{k} = {{ {'kp' if k else 'm_full'} = 0.01 }}\n" for k in range(20_000)),
         f"[boundary]\nhours = 0.0025\nseed = {[*range(1_000_0, 1_000_0 + 100_000), 10_000]}\n",
+        "[boundary]\nkind = ['paper_day']\n",
     ],
 )
 def test_many_mistakes_of_one_kind_take_one_sentence_and_no_minutes(refused, text):

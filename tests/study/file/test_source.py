@@ -73,13 +73,14 @@ def test_line_ends_of_another_system_change_nothing(tmp_path):
     [
         *(
             (text, SOURCE, f"reduce = {text!r}: give module:function, such as 'mine:overshoot'")
-            for text in ("mine", "mine:", "../mine:overshoot", "mine:a:b")
+            for text in ("mine", "mine.py:overshoot()", "mine:", ":overshoot", "../mine:overshoot", "mine:a:b", "")
         ),
         ("absent:f", SOURCE, "absent.py, and no module absent can be imported: put absent.py next to the study file"),
         ("absent.mod:f", SOURCE, "absent/mod.py, and no module absent.mod can be imported: put mod.py next to"),
         ("made_here:f", SOURCE, "no module made_here can be imported"),
         ("math:f", SOURCE, "no module written in Python math can be imported"),
         ("mine:f", b"# \xe9", "mine.py cannot be read: SyntaxError: "),
+        ("mine:f", b"# coding: zlib\n", "mine.py cannot be read: LookupError: "),
         ("mine:f", b"# coding: utf-7\n# +2AA-", "mine.py cannot be read: UnicodeEncodeError: "),
     ],
 )
@@ -91,6 +92,12 @@ def test_what_cannot_be_found_or_read_is_refused_with_one_sentence(tmp_path, mon
     (problem,) = refused.value.problems
     assert sentence in problem
     assert "\n" not in problem
+
+
+def test_both_places_that_were_looked_at_are_named(tmp_path):
+    with pytest.raises(InputError) as refused:
+        find_source("reduce", "absent:f", tmp_path)
+    assert f"there is no {tmp_path / 'absent.py'}, and no module absent can be imported" in str(refused.value)
 
 
 # Studies
@@ -119,13 +126,13 @@ def test_a_reduction_without_traces_and_an_absent_one_are_both_named(tmp_path):
     assert "[run] reduce = 'absent:f' without traces: list the traces it needs, such as traces = [\"T_sup\"]" in without
 
 
-def test_a_module_whose_path_no_file_can_have_is_refused(tmp_path):
-    for module in (".".join("a" * 5000), "a" * 300):
-        with pytest.raises(InputError, match=r"give reduce = 'a.* a shorter name"):
-            find_source("reduce", f"{module}:f", tmp_path)
-
-
 def test_a_reduction_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "study.toml").write_text("[loop]\n[run]\nreduce = 3")
     with pytest.raises(InputError, match=r"\[run\] reduce = 3: give a text in quotes"):
         read_study(tmp_path / "study.toml")
+
+
+def test_a_module_whose_path_no_file_can_have_is_refused(tmp_path):
+    for module in (".".join("a" * 5000), "a" * 300):
+        with pytest.raises(InputError, match=r"give reduce = 'a.* a shorter name"):
+            find_source("reduce", f"{module}:f", tmp_path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 import pytest
-from helpers.refusals import only_problem
+from helpers.refusals import only_problem, problems
 
 from fastcoil.study.file.tables import parse_toml
 
@@ -15,11 +15,16 @@ from fastcoil.study.file.tables import parse_toml
     "text",
     [
         '"""' + '\\"""' * 200_000,
+        "'''" + "''a" * 300_000,
         '"' + '\\"' * 400_000,
+        "#" * 1_000_000,
         "[" * 1_000_000,
         "x = " + "{a=" * 300_000,
+        "x = " + "[" * 5000 + "]" * 5000,
         "x = 1" + "0" * 1_000_000,
+        "x = 1e" + "9" * 1_000_000,
         'x = "' + "\\u0041" * 160_000 + '"',
+        "\0" * 1_000_000,
         "x = " + "\ud7ff" * 300_000,
     ],
 )
@@ -54,3 +59,7 @@ def test_what_no_study_can_hold_is_refused(text, sentence):
     problem = only_problem(parse_toml, text, "s.toml")
     assert sentence in problem
     assert len(problem) < 200
+
+
+def test_every_mistake_gets_its_sentence():
+    assert len(problems(parse_toml, 'x = "\\u0000"\ny = "\\u0000"', "s.toml")) == 2

@@ -91,12 +91,18 @@ def test_a_chain_goes_on_from_its_last_shard(tmp_path, text):
     assert min(ran) == 4, "days 0 to 3 were done"
 
 
-def test_a_damaged_shard_is_computed_again_with_what_comes_after_it(tmp_path):
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_damaged_shard_is_computed_again_with_what_comes_after_it(tmp_path, which):
     run_until_interrupted(CARRIED, tmp_path / "out", 2)
-    shards(tmp_path / "out")[0].write_bytes(b"damaged")
+    shards(tmp_path / "out")[which].write_bytes(b"damaged")
     (said,) = resumed(CARRIED, tmp_path / "out")
     assert "its scenarios are computed again" in said
     assert len(quarantined(tmp_path / "out")) == 1
+
+
+@pytest.mark.parametrize("n_jobs", [2, pytest.param(3, marks=pytest.mark.full)])
+def test_nothing_depends_on_the_number_of_workers(tmp_path, n_jobs):
+    assert run(GROUPS, tmp_path / "out", n_jobs=n_jobs) == golden(GROUPS)
 
 
 def test_a_run_may_be_resumed_with_another_number_of_workers_and_other_stretches(tmp_path, monkeypatch):
@@ -141,10 +147,13 @@ def test_lanes_and_later_days_can_be_added(tmp_path, n_shards, old, new):
     assert run(larger, tmp_path / "out", extend=True) == golden(larger)
 
 
-def test_days_before_others_are_the_cause_of_them(tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new"), [("[1, 2,", "[12, 1, 2,"), pytest.param("4, 5", "5, 4", marks=pytest.mark.full)]
+)
+def test_days_before_others_are_the_cause_of_them(tmp_path, old, new):
     run(CARRIED, tmp_path / "out")
     with pytest.raises(InputError, match="add days at the end alone"):
-        run(CARRIED.replace("[1, 2,", "[12, 1, 2,"), tmp_path / "out", extend=True)
+        run(CARRIED.replace(old, new), tmp_path / "out", extend=True)
 
 
 def test_days_that_begin_to_follow_one_another_keep_nothing(tmp_path):

@@ -52,7 +52,7 @@ def killed_before_each(forked, tmp_path, situation, stride=1):
     return n
 
 
-@pytest.mark.parametrize(("situation", "stride"), [("plain", 41), ("traced", 71), ("extended, unfinished", 131)])
+@pytest.mark.parametrize(("situation", "stride"), [("plain", 29), ("traced", 61), ("extended, unfinished", 97)])
 def test_a_run_killed_at_any_step_is_completed_by_the_next(forked, tmp_path, situation, stride):
     assert killed_before_each(forked, tmp_path, situation, stride) > 60
 
@@ -79,7 +79,7 @@ def killed_at_random(forked, tmp_path, times, seed):
 
 
 def test_a_run_killed_at_any_time_is_completed_by_the_next(forked, tmp_path):
-    killed_at_random(forked, tmp_path, 5, seed=1)
+    killed_at_random(forked, tmp_path, 10, seed=1)
 
 
 @pytest.mark.full
@@ -90,21 +90,22 @@ def test_a_run_killed_at_any_time_of_very_many(forked, tmp_path):
 # --- limits -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("limit", [1000, 30_000])
+@pytest.mark.parametrize("limit", [1000, 30_000, 66_000])
 def test_a_limit_on_the_size_of_files_ends_a_run_with_4(forked, tmp_path, limit):
     out = tmp_path / "out"
     # Python ignores the signal, so that a write fails with EFBIG
     code, _, said = forked(TRACED.replace("[0.0, 0.9]", "[0.0, 0.5, 0.9]"), out, limits={"RLIMIT_FSIZE": limit})
-    assert code == 4, said
-    assert "Traceback" not in said
-    assert not out.exists() or unfinished(out) == []
+    assert code == (4 if limit < 66_000 else 0), said
+    if code:
+        assert "Traceback" not in said
+        assert not out.exists() or unfinished(out) == []
     resumed(out, TRACED.replace("[0.0, 0.9]", "[0.0, 0.5, 0.9]"))
 
 
 def test_too_few_open_files_end_a_run_with_4_or_are_enough(forked, tmp_path):
     out = tmp_path / "out"
     codes = set()
-    for limit in range(4, 22, 4):
+    for limit in range(4, 20):
         code, _, said = forked(TRACED, out, limits={"RLIMIT_NOFILE": limit})
         assert "Traceback" not in said, said
         assert code in (0, 4), said
@@ -119,6 +120,17 @@ def let_others_in(folder):
     """Let every user enter a folder of a test."""
     for parent in [folder, *folder.parents][:4]:
         parent.chmod(parent.stat().st_mode | 0o755)
+
+
+def test_a_folder_that_cannot_be_reached_ends_a_run_with_4(forked, tmp_path):
+    if os.getuid():
+        pytest.skip("only root can become another user")
+    out = tmp_path / "closed" / "out"
+    out.parent.mkdir(mode=0o700)
+    let_others_in(tmp_path)
+    code, _, said = forked(PLAIN, out, user=65534)
+    assert code == 4, said
+    assert "Permission denied" in said
 
 
 def test_a_folder_that_must_not_be_written_ends_a_run_with_4(forked, tmp_path):
@@ -157,7 +169,7 @@ def small_disk(tmp_path):
 def test_a_full_disk_ends_a_run_with_4_and_freeing_space_lets_it_go_on(forked, small_disk, interval):
     codes, kept, text = set(), set(), TRACED.replace("interval = 50", f"interval = {interval}")
     ballast = small_disk / "ballast"
-    for free_kib in range(8, 1400, 120):
+    for free_kib in range(8, 1400, 60):
         out = small_disk / f"out{free_kib}"
         room = shutil.disk_usage(small_disk).free - 1024 * free_kib
         with ballast.open("wb") as file:

@@ -36,8 +36,9 @@ def named(data, first=0):
 
 
 @pytest.mark.parametrize(
-    "cut", [lambda d: d[:-1], lambda d: b"", lambda d: d + b"\0"], ids=["a byte less", "nothing", "a byte more"]
-)
+    "cut", [lambda d: d[:-1], lambda d: d[: len(d) // 2], lambda d: b"", lambda d: d + b"\0"],
+    ids=["a byte less", "half", "nothing", "a byte more"],
+)  # fmt: skip
 def test_a_shard_of_another_length_is_quarantined_and_run_again(broken_off, cut):
     path = shards(broken_off)[0]
     path.write_bytes(cut(path.read_bytes()))
@@ -51,7 +52,7 @@ def test_a_shard_of_another_length_is_quarantined_and_run_again(broken_off, cut)
 def test_a_flipped_bit_anywhere_in_a_shard_is_found(broken_off):
     path, checked = shards(broken_off)[0], shards_of(broken_off)
     good = path.read_bytes()
-    positions = random.Random(1).sample(range(8 * len(good)), 100)
+    positions = random.Random(1).sample(range(8 * len(good)), 1000)
     for at in [0, 8 * len(good) - 1, *positions]:
         damaged = bytearray(good)
         damaged[at // 8] ^= 1 << at % 8
@@ -111,9 +112,12 @@ def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broke
         lambda part: part.assign(status=part["status"].astype(float)),
         lambda part: part.assign(status=part["status"].expand_dims(day=2)),
         lambda part: part.isel(scenario=[0, *range(part["scenario"].size - 1, 0, -1)]),
+        lambda part: part.isel(scenario=[0, 0, 1]),
+        lambda part: part.assign_coords(scenario=part["scenario"].astype(float)),
         lambda part: part.assign(rmse=part["rmse"].astype("f4")),
+        lambda part: part.assign(iae=part["iae"].expand_dims(day=2)),
     ],
-    ids=["real status", "status by day", "descending", "short metric"],
+    ids=["real status", "status by day", "descending", "twice", "real number", "short metric", "metric by day"],
 )
 def test_a_shard_of_another_form_is_named_by_verify_though_its_name_is_right(broken_off, forge):
     path = shards(broken_off)[0]
@@ -187,9 +191,15 @@ def test_half_written_files_of_a_killed_run_are_no_damage_and_are_removed(broken
     assert resume(broken_off) == []
 
 
-def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(broken_off, monkeypatch):
+def test_a_deleted_shard_is_run_again(broken_off):
+    shards(broken_off)[0].unlink()
+    assert resume(broken_off) == []
+
+
+@pytest.mark.parametrize("error", [OSError(-101, "NetCDF: HDF error"), RuntimeError("NetCDF: HDF error")], ids=repr)
+def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(broken_off, monkeypatch, error):
     def refuse(*_):
-        raise OSError(-101, "NetCDF: HDF error")
+        raise error
 
     monkeypatch.setattr(folder_shards, "load", refuse)
     for look in (lambda: run(PLAIN, broken_off), lambda: maintenance.verify(broken_off)):

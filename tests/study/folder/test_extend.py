@@ -2,6 +2,7 @@
 
 import copy
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
@@ -106,10 +107,13 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, ba
     assert execute(study(EXTENSIONS[name]), tmp_path / "out", extend=True).n_run == 0
 
 
-@pytest.mark.parametrize("name", ["a constant that is swept", pytest.param("all at once", marks=pytest.mark.full)])
-def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name):
+@pytest.mark.parametrize("n_shards", [1, pytest.param(3, marks=pytest.mark.full)])
+@pytest.mark.parametrize(
+    "name", ["a constant that is swept", *(pytest.param(n, marks=pytest.mark.full) for n in ("middle", "all at once"))]
+)
+def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch, name, n_shards):
     cut(monkeypatch, 5)
-    done = run_until_stopped(study(BASE), tmp_path / "out", 2)
+    done = run_until_stopped(study(BASE), tmp_path / "out", n_shards)
     asked = study(EXTENSIONS[name])
     finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
@@ -191,7 +195,9 @@ def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_pat
 
 REFUSED = {
     "a removed value": (changed(sweep={"backlash": [0.02, 0.09, 0.15]}), "8 of the 24 scenarios"),
+    "a removed case": (changed(cases={"tuning": {"slow": {"kp": 0.02, "ti": 30}}}), "12 of the 24 scenarios"),
     "a removed day": (changed(boundary={"seed": [3, 4]}), "12 of the 24 scenarios"),
+    "a changed constant": (changed(loop={"noise_std": 0.03}), "24 of the 24 scenarios"),
     "another seed": (changed(run={"seed": 1}), r"\[run\] seed changed"),
     "another warm-up": (changed(run={"warm_up": 200}), r"\[run\] warm_up changed"),
     "other traces": (changed(run={"traces": ["T_sup"]}), r"\[run\] traces changed"),
@@ -203,7 +209,9 @@ def test_what_is_no_extension_is_refused_and_nothing_touched(study, base, tmp_pa
     check_refused(study, tmp_path, other, sentence)
 
 
-@pytest.mark.parametrize("name", ["a removed day", "another seed"])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.full] * (n not in ("a removed day", "another seed"))) for n in REFUSED]
+)
 def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_path, monkeypatch, name):
     cut(monkeypatch, 6)
     run_shards(study(BASE), tmp_path / "out", 2)
@@ -263,8 +271,22 @@ def test_an_extension_without_new_scenarios_runs_none(study, base, tmp_path, mon
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 
+def test_extend_is_no_harm_where_there_is_nothing_yet(study, tmp_path):
+    finished = execute(study(BASE), tmp_path / "out", extend=True)
+    assert finished.n_run == N
+    assert finished.results.attrs["content_sha256"] == fresh(study(BASE), tmp_path)
+
+
 @pytest.mark.full
 def test_an_extension_on_processes_gives_the_same_bits(study, base, tmp_path):
     asked = study(EXTENSIONS["all at once"])
     finished = execute(asked, tmp_path / "out", extend=True, backend="loky", n_jobs=1)
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
+
+
+def test_values_of_old_scenarios_do_not_change(study, tmp_path):
+    old = execute(study(BASE), tmp_path / "out").results.load()
+    new = execute(study(EXTENSIONS["all at once"]), tmp_path / "out", extend=True).results.isel(replicate=0)
+    for name in ("rmse", "status", "T_sup", "mode"):
+        same = new[name].sel(backlash=old.backlash, estimate_ratio=old.estimate_ratio, tuning=old.tuning, day=old.day)
+        np.testing.assert_array_equal(same.transpose(*old[name].dims).values, old[name].values, err_msg=name)

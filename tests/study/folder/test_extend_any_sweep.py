@@ -44,7 +44,7 @@ def versions(draw):
     return small, large
 
 
-@pytest.mark.parametrize("n", [2, pytest.param(200, marks=pytest.mark.full)])
+@pytest.mark.parametrize("n", [3, pytest.param(200, marks=pytest.mark.full)])
 def test_any_sweep_can_grow(tmp_path_factory, n):
     @settings(max_examples=n)
     @given(versions=versions(), n_shards=st.integers(0, 3))

@@ -63,7 +63,11 @@ def test_no_byte_of_a_damaged_file_is_parsed(copied, monkeypatch):
     assert "results.nc is damaged" in " ".join(verify(copied))
 
 
-@pytest.mark.parametrize("error", [OSError(errno.EMFILE, "Too many open files"), RuntimeError("HDF error")], ids=repr)
+@pytest.mark.parametrize(
+    "error",
+    [OSError(-101, "NetCDF: HDF error"), OSError(errno.EMFILE, "Too many open files"), RuntimeError("HDF error")],
+    ids=repr,
+)
 def test_a_sound_file_that_cannot_be_opened_is_not_called_damaged(copied, monkeypatch, error):
     ds = fc.open_study(copied)
 
@@ -171,6 +175,13 @@ def test_lazy_traces_give_what_loaded_ones_give(finished):
     assert lazy.copy(deep=True).load().identical(loaded)
 
 
+def test_results_are_saved_by_a_user_with_their_traces(finished, tmp_path):
+    ds = fc.open_study(finished)
+    ds.to_netcdf(tmp_path / "mine.nc")
+    with xr.open_dataset(tmp_path / "mine.nc", decode_timedelta=False) as mine:
+        assert mine["T_sup"].equals(ds["T_sup"])
+
+
 def test_opened_results_leave_no_file_open(finished):
     ds = fc.open_study(finished)
     ds["T_sup"].isel(day=0).load()
@@ -204,6 +215,13 @@ def test_a_file_that_nobody_knows_and_that_hangs_the_library_is_refused_in_time(
         final.open_final(copied, None)
 
 
+def test_a_changed_value_of_a_small_trace_is_found_without_a_recorded_hash(copied):
+    with netCDF4.Dataset(traces_of(copied), "a") as file:
+        file["mode"][0, 0, 0, 3] = 9 - file["mode"][0, 0, 0, 3]
+    with pytest.raises(IntegrityError, match="mode is damaged"):
+        final.open_final(copied, None)
+
+
 def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_path, monkeypatch):
     path = tmp_path / "results.nc"
     path.write_bytes(b"CDF\1 and what follows is none")
@@ -216,24 +234,11 @@ def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_p
         trial.try_reading(path, "throw it away")
 
 
-@pytest.mark.parametrize(("name", "make"), [("results.nc", os.mkfifo), ("traces", os.mkdir)])
-def test_what_is_no_file_is_refused_and_blocks_nobody(copied, name, make):
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])
+@pytest.mark.parametrize("name", ["results.nc", "traces"])
+def test_what_is_no_file_is_refused_and_blocks_nobody(copied, make, name):
     path = copied / name if name == "results.nc" else traces_of(copied)
     path.unlink()
     make(path)
     with pytest.raises(IntegrityError, match="is no regular file"):
         fc.open_study(copied)
-
-
-def test_a_changed_value_of_a_small_trace_is_found_without_a_recorded_hash(copied):
-    with netCDF4.Dataset(traces_of(copied), "a") as file:
-        file["mode"][0, 0, 0, 3] = 9 - file["mode"][0, 0, 0, 3]
-    with pytest.raises(IntegrityError, match="mode is damaged"):
-        final.open_final(copied, None)
-
-
-def test_results_are_saved_by_a_user_with_their_traces(finished, tmp_path):
-    ds = fc.open_study(finished)
-    ds.to_netcdf(tmp_path / "mine.nc")
-    with xr.open_dataset(tmp_path / "mine.nc", decode_timedelta=False) as mine:
-        assert mine["T_sup"].equals(ds["T_sup"])

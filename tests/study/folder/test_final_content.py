@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from helpers.studies import PLAIN, copied, golden
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
@@ -77,6 +78,8 @@ def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept
     "attrs",
     [
         {"trace_file": "../traces-x.nc"},
+        {"trace_file": "results.nc"},
+        {"trace_file": ".holder"},
         {"trace_file": 3},
         {"trace_sha256": "["},
         {"fastcoil_format": "x"},
@@ -93,6 +96,12 @@ def test_a_small_file_of_very_many_values_ends_in_a_sentence(tmp_path, swept, mo
     monkeypatch.setattr(netcdf, "available_memory", lambda: swept.nbytes - 1)
     with pytest.raises(StorageError, match=r"cannot be read \(its values take .* are available\): the memory ran out"):
         opened(tmp_path)
+
+
+def test_plain_results_have_no_traces(out):
+    copied(PLAIN, out)
+    assert fc.open_study(out).attrs["content_sha256"] == golden(PLAIN)
+    assert set(Manifest.read(out).outputs) == {"results.nc"}
 
 
 @pytest.mark.parametrize(

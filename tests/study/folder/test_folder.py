@@ -27,7 +27,7 @@ def written(path, text=PLAIN):
     return path
 
 
-@pytest.mark.parametrize("name", ["ünï-冷 new\nline", "#mode=bytes?x=%20"])
+@pytest.mark.parametrize("name", ["with space", "ünï-冷", "new\nline", "#mode=bytes?x=%20", "'\";$(x)", "x" * 200])
 def test_any_name_of_a_folder_will_do(tmp_path, name):
     out = tmp_path / name / "out"
     out.parent.mkdir()
@@ -103,14 +103,7 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)
 
 
-def half_written_figure(out):
-    half = out / "figures" / ".bands.png.123.tmp"
-    half.parent.mkdir()
-    half.write_bytes(b"half")
-    return half
-
-
-def test_figures_are_drawn_while_the_folder_is_held_and_half_written_ones_are_removed(out):
+def test_figures_are_drawn_while_the_folder_is_held(out):
     holders = []
 
     def present(finished):
@@ -124,15 +117,20 @@ def test_figures_are_drawn_while_the_folder_is_held_and_half_written_ones_are_re
     assert len(holders) == 2
     assert all(holders)
     assert not (out / "figures").exists()
-    half = half_written_figure(out)
     assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
-    assert not half.exists()
 
 
-def test_a_run_removes_half_written_figures(out):
-    copied(PLAIN, out)
-    half = half_written_figure(out)
+@pytest.mark.parametrize("command", ["run", "plot"])
+def test_half_written_figures_are_removed(out, command):
+    study = write_study(PLAIN, out)
     run(PLAIN, out)
+    half = out / "figures" / ".bands.png.123.tmp"
+    half.parent.mkdir()
+    half.write_bytes(b"half")
+    if command == "run":
+        runner.execute(study, out)
+    else:
+        assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
     assert not half.exists()
 
 
@@ -155,9 +153,10 @@ def test_half_written_reruns_are_removed_and_a_rerun_waits_for_no_run(out):
     assert not half.exists()
 
 
-def test_a_rerun_without_the_study_names_the_cure_which_cures(out):
+@pytest.mark.parametrize("text", ["", "\xff", "[loop]\n"])
+def test_a_rerun_without_the_study_names_the_cure_which_cures(out, text):
     copied(PLAIN, out)
-    (out / "study.toml").write_text("[loop]\n")
+    (out / "study.toml").write_bytes(text.encode("latin-1"))
     cure = re.escape(f"`fastcoil run STUDY.toml -o {out}`, with the file the run was started from, restores study.toml")
     with pytest.raises(IntegrityError, match=cure):
         maintenance.rerun(out, AT)

@@ -81,7 +81,7 @@ def test_a_lock_that_is_no_file_is_refused(folder, make):
     assert (folder / "file").read_text() == "precious"
 
 
-@pytest.mark.parametrize("number", [errno.EOPNOTSUPP, errno.ENOLCK])
+@pytest.mark.parametrize("number", [errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS])
 def test_a_file_system_without_locks_is_refused(tmp_path, monkeypatch, number):
     """A lock of a file alone would outlive a run that is killed."""
 

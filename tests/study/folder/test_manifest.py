@@ -39,7 +39,9 @@ pytestmark = pytest.mark.kernel
     ("data", "sentence"),
     [
         (b"", "run.json is damaged"),
+        (b'{"study_sha', "run.json is damaged"),
         (b"\xff\xfe", "run.json is damaged"),
+        (b"[1]", "run.json is damaged"),
         (b"[" * 100_000, "run.json is damaged"),
         (b'{"format": 1}', "another version of fastcoil"),
         (b'{"format": 2}', "run.json is damaged"),
@@ -83,7 +85,7 @@ def test_a_lost_file_of_a_finished_study_is_written_again(out, name):
     assert (out / name).read_bytes() == good
 
 
-@pytest.mark.parametrize("data", [None, b"\xff", b"[loop]\n"], ids=str)
+@pytest.mark.parametrize("data", [None, b"", b"[loop", b"\xff", b"[loop]\n"], ids=str)
 def test_a_damaged_study_toml_is_reported_and_written_again(broken_off, data):
     path = broken_off / "study.toml"
     path.unlink() if data is None else path.write_bytes(data)
@@ -151,6 +153,12 @@ def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
     assert len(list(out.glob("traces-*.nc"))) == 1
 
 
+def test_run_json_is_valid_json_for_others(broken_off):
+    found = json.loads((broken_off / "run.json").read_text())
+    identity = {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
+    assert set(found) == identity | {"computed_on", "outputs", "own_code", "finished", "sha256"}
+
+
 WRONG = {
     "relative_to": [None, 5, [], "\ud800"],
     "model_sha256": [None, 1, "\ud800"],
@@ -182,12 +190,13 @@ def test_an_edited_run_json_is_found_by_its_checksum(out):
     resume(out)
 
 
-def test_shards_that_span_days_go_on_where_shards_of_a_day_ended(out, monkeypatch):
-    run_until_interrupted(TRACED, out, 1)
+@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+def test_shards_that_span_days_go_on_where_shards_of_a_day_ended(out, text, monkeypatch):
+    run_until_interrupted(text, out, 1)
     monkeypatch.setattr(plan, "_SHARDS_PER_WORKER", 0.1)
-    rest = write_study(TRACED, out).plan.shards(1, np.arange(4, 4 * DAYS))
+    rest = write_study(text, out).plan.shards(1, np.arange(4, 4 * DAYS))
     assert [shard.size for shard in rest] == [4 * (DAYS - 1)]
-    assert resume(out, TRACED) == []
+    assert resume(out, text) == []
 
 
 # --- where it was computed --------------------------------------------------------------------------------------------
@@ -199,6 +208,12 @@ def elsewhere(monkeypatch):
     here = compiled_for()
     monkeypatch.setattr("fastcoil.loops.running.compiled_for", lambda: here | {"cpu": "another"})
     return [here, here | {"cpu": "another"}]
+
+
+def test_a_run_says_where_it_was_computed(out):
+    copied(PLAIN, out)
+    assert manifest.Manifest.read(out).computed_on == [compiled_for()]
+    assert json.loads(open_study(out).attrs["computed_on"]) == [compiled_for()]
 
 
 def test_a_run_that_is_resumed_on_another_processor_says_so(broken_off, elsewhere):
@@ -223,8 +238,8 @@ def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, m
 
 @pytest.mark.parametrize(
     "damage",
-    [lambda text: b"\xff" + text, lambda text: text[:-3], lambda text: None],
-    ids=["no UTF-8", "cut", "lost"],
+    [lambda text: b"", lambda text: b"\xff" + text, lambda text: text[:-3], lambda text: None],
+    ids=["empty", "no UTF-8", "cut", "lost"],
 )
 def test_results_stay_readable_without_their_study_toml_and_a_run_restores_it(out, damage):
     copied(PLAIN, out)
@@ -248,9 +263,3 @@ def test_a_study_toml_with_line_ends_of_another_system_is_sound(broken_off):
         open_study(broken_off)
         assert resume(broken_off) == []
     assert path.read_bytes() == good
-
-
-def test_run_json_is_valid_json_for_others(broken_off):
-    found = json.loads((broken_off / "run.json").read_text())
-    identity = {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
-    assert set(found) == identity | {"computed_on", "outputs", "own_code", "finished", "sha256"}

@@ -63,7 +63,8 @@ def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monke
     assert run(larger(text), out, extend=True) == golden(larger(text))
 
 
-def test_room_for_the_merge_is_taken_before_it_is_used(out, monkeypatch):
+@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+def test_room_for_the_merge_is_taken_before_it_is_used(out, text, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -71,7 +72,7 @@ def test_room_for_the_merge_is_taken_before_it_is_used(out, monkeypatch):
         patched.setattr(merge, "_LARGE", 0)
         patched.setattr(os, "posix_fallocate", full)
         with pytest.raises(StorageError, match="No space left on device"):
-            run(TRACED, out)
+            run(text, out)
     assert unfinished(out) == []
     assert len(shards(out)) == DAYS
-    resume(out, TRACED)
+    resume(out, text)

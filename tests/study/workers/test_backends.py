@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
 
 import fastcoil as fc
+from fastcoil.cli.main import main
 from fastcoil.loops import plan
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.run import execute
@@ -22,9 +24,13 @@ def hash_of(results):
     ("backend", "n_jobs"),
     [
         ("threads", 1),
+        ("threads", 2),
         ("threads", 3),
+        pytest.param("loky", 1, marks=pytest.mark.full),
         ("loky", 2),
+        pytest.param("loky", 3, marks=pytest.mark.full),
         ("dask", 1),
+        pytest.param("dask", 2, marks=pytest.mark.full),
         pytest.param("dask", 3, marks=pytest.mark.full),
     ],
 )
@@ -33,16 +39,51 @@ def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_stud
     assert hash_of(fc.open_study(tmp_path / "out")) == golden
 
 
-@pytest.mark.parametrize("lane_steps", [1.0, 1e12])
+@pytest.mark.parametrize("lane_steps", [1.0, 64 * 900.0, 1e12])
 def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, lane_steps):
     monkeypatch.setattr(plan, "_LANE_STEPS_PER_SHARD", lane_steps)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
 
 
-@pytest.mark.parametrize(("largest", "seed"), [pytest.param(9, 2, marks=pytest.mark.full), (64, 4)])
+@pytest.mark.parametrize(
+    ("largest", "seed"),
+    [
+        pytest.param(1, 1, marks=pytest.mark.full),
+        pytest.param(9, 2, marks=pytest.mark.full),
+        (20, 6),
+        pytest.param(40, 3, marks=pytest.mark.full),
+        (64, 4),
+        pytest.param(80, 5, marks=pytest.mark.full),
+    ],
+)
 def test_the_order_and_cut_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, largest, seed):
     cut(monkeypatch, largest, seed)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
+
+
+@pytest.mark.full
+def test_a_study_without_traces_has_one_hash_too(small_study, tmp_path, monkeypatch, two_workers):
+    text = small_study.read_text(encoding="utf-8")
+    path = tmp_path / "plain.toml"
+    path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("trace")), encoding="utf-8")
+    expected = hash_of(fc.run_study(path, tmp_path / "threads", n_jobs=1))
+    cut(monkeypatch, 40, seed=6)
+    assert hash_of(fc.run_study(path, tmp_path / "dask", backend="dask", scheduler=two_workers.address)) == expected
+
+
+def test_a_cluster_that_a_user_started_gives_the_same_bits(small_study, golden, tmp_path, two_workers, monkeypatch):
+    cut(monkeypatch, 40, seed=7)
+    results = fc.run_study(small_study, tmp_path / "out", backend="dask", scheduler=two_workers.address)
+    assert hash_of(results) == golden
+    assert results.attrs["engine"] == "dask"
+
+
+def test_the_command_line_runs_on_a_cluster(small_study, golden, tmp_path, two_workers):
+    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
+    done = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
+    assert done.exit_code == 0, done.output
+    assert hash_of(fc.open_study(tmp_path / "out")) == golden
+    assert f"{tmp_path / 'out'}/results.nc" in done.stdout
 
 
 @pytest.mark.full
@@ -71,22 +112,23 @@ def what_a_cluster_keeps(client):
     return *client.run_on_scheduler(on_scheduler), sum(client.run(on_worker).values())
 
 
-def test_a_cluster_gives_the_same_bits_and_keeps_nothing_of_a_shard_nor_of_the_study(
-    small_study, golden, tmp_path, two_workers, monkeypatch
-):
+def test_a_cluster_keeps_nothing_of_a_finished_study(small_study, tmp_path, two_workers):
+    fc.run_study(small_study, tmp_path / "out", backend="dask", scheduler=two_workers.address)
+    with two_workers.client() as client:
+        wait_for(lambda: what_a_cluster_keeps(client) == (0, [], 0), within=5)
+
+
+def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_workers, monkeypatch):
     cut(monkeypatch, 10)
     on_scheduler = []
     with two_workers.client() as client:
-        finished = execute(
+        execute(
             read_study(small_study),
             tmp_path / "out",
             backend="dask",
             scheduler=two_workers.address,
             progress=lambda _: lambda _: on_scheduler.append(what_a_cluster_keeps(client)[0]),
         )
-        wait_for(lambda: what_a_cluster_keeps(client) == (0, [], 0), within=5)
-    assert hash_of(finished.results) == golden
-    assert finished.results.attrs["engine"] == "dask"
     assert len(on_scheduler) == N_SCENARIOS / 10
     # three in flight, three whose results were fetched together
     assert max(on_scheduler) <= 6
@@ -106,6 +148,7 @@ finally:
     ("backend", "env"),
     [
         ("threads", {"PYTHONHASHSEED": "1"}),
+        pytest.param("threads", {"PYTHONHASHSEED": "2", "NUMBA_NUM_THREADS": "1"}, marks=pytest.mark.full),
         pytest.param("loky", {"PYTHONHASHSEED": "3"}, marks=pytest.mark.full),
         pytest.param("dask", {"PYTHONHASHSEED": "4"}, marks=pytest.mark.full),
     ],

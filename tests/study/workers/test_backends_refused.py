@@ -49,24 +49,29 @@ def here(tmp_path, monkeypatch):
     ("words", "sentence"),
     [
         (["--backend", "mpi"], "backend = 'mpi': choose one of threads, loky, dask"),
+        (["--backend", "Dask"], "choose one of threads, loky, dask"),
         (["--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
+        (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
         (["--backend", "dask", "--scheduler", ""], "scheduler is empty"),
         (["-j", "0"], "n_jobs = 0: must be at least 1"),
+        (["-j", "-1"], "n_jobs = -1: must be at least 1"),
         (["-j", "10000", "--backend", "loky"], "n_jobs = 10000: must be at least 1 and at most 1024"),
+        (["-j", "10000", "--backend", "dask"], "n_jobs = 10000: must be at least 1 and at most 1024"),
     ],
 )
 def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
     assert sentence in refused(here, "small.toml", *words)
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "nonsense://127.0.0.1:1"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://127.0.0.1:1", "tcp://127.0.0.1"])
 def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
     monkeypatch.setattr(dask_connection, "_WAIT_FOR_SCHEDULER", 0.5)
     said = refused(here, "small.toml", "--backend", "dask", "--scheduler", address)
     assert f"no dask scheduler answers at '{address}'" in said
 
 
-def test_something_else_at_the_address_is_refused(here, monkeypatch):
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
+def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
     monkeypatch.setattr(dask_connection, "_WAIT_FOR_SCHEDULER", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
         talking = []
@@ -75,7 +80,7 @@ def test_something_else_at_the_address_is_refused(here, monkeypatch):
             try:
                 while True:
                     talking.append(server.accept()[0])
-                    talking[-1].sendall(b"HTTP/1.1 200 OK\r\n\r\nhello")
+                    talking[-1].sendall(answer)
             except OSError:  # the test is over
                 pass
 
@@ -109,10 +114,11 @@ def test_workers_that_do_not_answer_are_refused(here, monkeypatch, tmp_path):
     assert "has no workers, or one that does not answer" in said
 
 
-def test_without_dask_the_sentence_names_the_extra(here, monkeypatch):
+@pytest.mark.parametrize("missing", ["distributed", "dask"])
+def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
     for name in [n for n in sys.modules if n.split(".")[0] == "distributed"]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.setitem(sys.modules, missing, None)
     assert "pip install 'fastcoil[dask]'" in refused(here, "small.toml", "--backend", "dask")
 
 

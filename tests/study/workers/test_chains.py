@@ -23,7 +23,7 @@ def chains(n_groups, length):
     return [Stretch.starting(0, lanes, OF, N_DAYS, length) for lanes in np.array_split(np.arange(OF), n_groups)]
 
 
-@settings(max_examples=300 if FULL else 15)
+@settings(max_examples=300 if FULL else 40)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
@@ -45,7 +45,7 @@ def test_a_lane_is_crashed_from_the_day_that_kills_and_no_other(
     assert pool.most_flying <= n_workers + 1
 
 
-@settings(max_examples=300 if FULL else 15)
+@settings(max_examples=300 if FULL else 40)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),

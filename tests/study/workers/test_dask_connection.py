@@ -101,9 +101,12 @@ def test_a_cluster_with_certificates_gives_the_same_bits_and_refuses_all_others(
     ("address", "guarded"),
     [
         ("tcp://127.0.0.1:8786", True),
+        ("tcp://[::1]:8786", True),
         ("localhost:8786", True),
         ("tls://cluster.example:8786", True),
         ("tcp://cluster.example:8786", False),
+        ("10.0.0.7:8786", False),
+        ("tcp://0.0.0.0:8786", False),
         ("tcp://[fe80::1]:8786", False),
         ("ws://cluster.example:8786", False),
     ],

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.timeout(60)
 FULL = bool(os.environ.get("FASTCOIL_FULL"))
 
 
-@settings(max_examples=300 if FULL else 15)
+@settings(max_examples=300 if FULL else 40)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
@@ -46,7 +46,7 @@ def test_exactly_the_scenarios_that_kill_or_hang_are_crashed(
     assert pool.most_flying <= n_workers + 1
 
 
-@settings(max_examples=300 if FULL else 15)
+@settings(max_examples=300 if FULL else 40)
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
@@ -82,7 +82,7 @@ def test_a_scenario_is_blamed_only_when_it_dies_alone_twice(job, deaths, status)
 
 
 @pytest.mark.parametrize("falls_together", [True, False])
-@pytest.mark.parametrize("size", [1, N])
+@pytest.mark.parametrize("size", [1, 7, N])
 def test_workers_that_all_die_end_in_a_sentence_and_no_mark(job, falls_together, size):
     pool = Pool(2, falls_together=falls_together, culprits=range(N))
     yielded = {}
@@ -96,7 +96,7 @@ class Starved(MemoryError, Died):
     pass
 
 
-@pytest.mark.parametrize("size", [1, N])
+@pytest.mark.parametrize("size", [1, 7, N])
 @pytest.mark.parametrize("culprits", [range(N), range(N - 20, N)], ids=["always", "at last"])
 def test_memory_that_runs_out_ends_in_a_sentence_and_no_mark(job, monkeypatch, size, culprits):
     monkeypatch.setattr(dying_pool, "Died", Starved)
@@ -117,6 +117,11 @@ def test_the_first_single_scenario_without_memory_ends_the_run(job, monkeypatch)
     with pytest.raises(StorageError, match="not even a single scenario"):
         found(pool, job, [Shard(np.arange(4)), Shard(np.arange(4, 8))])
     assert submitted == [4, 4, 4, 2, 1, 1]
+
+
+def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
+    pool = Pool(2, falls_together=True, culprits=range(N))
+    assert found(pool, job, [Shard(np.array([3])), Shard(np.array([7]))]) == {3: STATUS_CRASHED, 7: STATUS_CRASHED}
 
 
 def test_one_bad_scenario_in_a_large_shard_takes_few_deaths(job):
@@ -167,8 +172,3 @@ def test_an_error_that_is_no_death_ends_the_run_with_what_was_found_before(job):
     with pytest.raises(InputError, match="no reduction"):
         found(pool, job, in_shards(16))
     assert 48 <= len(pool.runs) <= 64
-
-
-def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
-    pool = Pool(2, falls_together=True, culprits=range(N))
-    assert found(pool, job, [Shard(np.array([3])), Shard(np.array([7]))]) == {3: STATUS_CRASHED, 7: STATUS_CRASHED}

@@ -123,8 +123,10 @@ def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
     "body",
     [
         "return xr.Dataset({'x': t.T_sup.max('elapsed_time') / t.T_sup.max()})",
+        "return xr.Dataset({'x': t.kp - t.kp[0]})",
         "return xr.Dataset({'x': t.kp.astype(int if t.sizes['scenario'] > 1 else float) * 0})",
         "return xr.Dataset({'x': t.kp, 'y': t.kp} if t.sizes['scenario'] > 1 else {'y': t.kp})",
+        "return xr.Dataset({'y': t.kp, 'x': t.kp} if t.sizes['scenario'] == 1 else {'y': t.kp})",
         "return xr.Dataset({'x': t.kp * np.nextafter(1.0, 2.0) ** (t.sizes['scenario'] > 1)})",
         "return xr.Dataset({'y': t.kp.expand_dims(x=[t.sizes['scenario']])})",
     ],
@@ -146,19 +148,21 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
         ("return xr.Dataset({'x': t.T_sup.max()})", "returned x without the dim 'scenario': give one value"),
         ("return xr.Dataset({'x': t.kp[1:]})", "returned x for 4 of 5 scenarios: keep every one of them"),
         ("return xr.Dataset({'x': t.tuning})", "returned x of type <U4: return numbers"),
+        ("return xr.Dataset({'x': t.kp * 1j})", "returned x of type complex128: return numbers"),
         ("return xr.Dataset({'x': t.kp.astype('f2')})", "returned x of type float16: return numbers (float64, float32"),
+        ("return xr.Dataset({'x': t.kp.astype('m8[s]')})", "returned x of type timedelta64[s]: return numbers"),
         *(
             (
                 f"return xr.Dataset({{'{name}': ('scenario', t.kp.values)}})",
                 f"returned a variable {name}: the name is ta",
             )
-            for name in ("backlash", "rmse", "T_w", "day", "gain")
+            for name in ("backlash", "rmse", "T_w", "status", "day", "sample", "controller", "gain")
         ),
         ("return xr.Dataset({3: t.kp})", "returned a variable 3: name it with letters, digits and _"),
         ("return xr.Dataset({'a/b': t.kp})", "returned a variable 'a/b': name it with letters, digits and _"),
         *(
             (f"return xr.Dataset({{'x': t.kp.expand_dims({name}=2)}})", f"returned a dim {name}: the name is taken")
-            for name in ("backlash", "replicate", "rmse")
+            for name in ("backlash", "day", "replicate", "sample", "status", "rmse")
         ),
         ("return xr.Dataset({'x': t.kp.drop_vars('tuning').expand_dims(tuning=2)})", "returned a dim tuning: the name"),
         ("return xr.Dataset({'x': t.kp.expand_dims({'a b': 2})})", "returned a dim 'a b': name it with letters"),
@@ -168,9 +172,12 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
         ),
         ("return t.missing", "raised AttributeError: 'Dataset' object has no attribute 'missing'"),
         ("raise ValueError('two\\n   lines')", "raised ValueError: two lines"),
+        ("raise ValueError", "raised ValueError"),
+        ("raise SystemExit(3)", "raised SystemExit: 3"),
         ("raise GeneratorExit", "raised GeneratorExit"),
         ("raise type('Mine', (BaseException,), {})('words')", "raised Mine: words"),
         ("return f(t)", "raised RecursionError: maximum recursion depth exceeded"),
+        ("raise MemoryError", "raised MemoryError"),
         ("return xr.Dataset({'cafe\\u0301': t.kp})", "returned a variable 'cafe"),
         (
             "return xr.Dataset({'x': t.kp, 'y': t.kp.expand_dims(x=2)})",
@@ -231,6 +238,7 @@ def test_the_module_is_run_once_and_is_one_that_decorators_find():
         ("f = 1\0", "its module does not run: "),
         ("import no_such_thing", "its module does not run: ModuleNotFoundError: No module named 'no_such_thing'"),
         ("raise SystemExit", "its module does not run: SystemExit"),
+        ("raise GeneratorExit", "its module does not run: GeneratorExit"),
         ("class Mine(BaseException): pass\nraise Mine('words')", "its module does not run: Mine: words"),
     ],
 )

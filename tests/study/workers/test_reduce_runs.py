@@ -25,6 +25,9 @@ def f(traces):
     [
         ("Mine('two', 'words')", 2, "fastcoil: reduce = 'mine:f' raised Mine: two words"),
         pytest.param("SystemExit(0)", 2, "raised SystemExit: 0", marks=pytest.mark.full),
+        pytest.param("GeneratorExit", 2, "raised GeneratorExit", marks=pytest.mark.full),
+        pytest.param("RecursionError", 2, "raised RecursionError", marks=pytest.mark.full),
+        pytest.param("MemoryError", 2, "raised MemoryError", marks=pytest.mark.full),
         pytest.param("KeyboardInterrupt", 130, "fastcoil: interrupted", marks=pytest.mark.full),
     ],
 )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import shutil
+import signal
 import stat
 import sys
 import tempfile
@@ -13,11 +15,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
-from helpers.processes import N_SCENARIOS, check_crashed, cut
+from helpers.processes import N_SCENARIOS, check_crashed, children, cut
 from joblib.externals.loky.backend import resource_tracker
 
 import fastcoil as fc
-from fastcoil.base.errors import FastcoilError
+from fastcoil.base.errors import FastcoilError, InputError
 from fastcoil.cli.main import main
 from fastcoil.loops.shards import Shard
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
@@ -39,11 +41,13 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtu
     [
         ("threads", failing_shards.out_of_memory),
         ("loky", failing_shards.killed),
-        *(
-            pytest.param(backend, harm, marks=pytest.mark.full)
-            for backend in ("loky", "dask")
-            for harm in (failing_shards.exits, failing_shards.segfaults, failing_shards.out_of_memory)
-        ),
+        pytest.param("loky", failing_shards.exits, marks=pytest.mark.full),
+        pytest.param("loky", failing_shards.segfaults, marks=pytest.mark.full),
+        pytest.param("loky", failing_shards.out_of_memory, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.killed, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.exits, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.segfaults, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.out_of_memory, marks=pytest.mark.full),
     ],
 )
 def test_a_scenario_that_kills_is_crashed_and_no_other(
@@ -61,18 +65,37 @@ def test_a_scenario_that_kills_is_crashed_and_no_other(
     assert "1 crashed" in CliRunner().invoke(main, ["status", str(tmp_path / "out")]).output
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
-def test_several_scenarios_that_kill_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch, backend):
-    cut(monkeypatch, 20)
-    culprits = [0, 1, 5, 77, N_SCENARIOS - 1]
-    harm = failing_shards.out_of_memory if backend == "threads" else failing_shards.killed
-    harmed, options = failing_shards.harmful(study, harm, culprits), {"backend": backend, "n_jobs": 2}
-    finished = execute(harmed, tmp_path / "out", **options)
+def check_crashing(study, healthy, folder, culprits, **options):
+    finished = execute(study, folder, **options)
     assert finished.n_run == N_SCENARIOS
     check_crashed(finished.results, healthy, culprits)
     # they are not tried again and again
-    assert execute(harmed, tmp_path / "out", **options).n_run == 0
+    assert execute(study, folder, **options).n_run == 0
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
+@pytest.mark.parametrize("size", [4, 20])
+def test_several_scenarios_that_kill_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch, backend, size):
+    cut(monkeypatch, size)
+    culprits = [0, 1, 5, 77, N_SCENARIOS - 1]
+    harm = failing_shards.out_of_memory if backend == "threads" else failing_shards.killed
+    check_crashing(
+        failing_shards.harmful(study, harm, culprits), healthy, tmp_path / "out", culprits, backend=backend, n_jobs=2
+    )
+
+
+@pytest.mark.full
+def test_several_scenarios_without_memory_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch):
+    cut(monkeypatch, 40)
+    culprits = [0, 1, 5, 77, N_SCENARIOS - 1]
+    check_crashing(
+        failing_shards.harmful(study, failing_shards.out_of_memory, culprits),
+        healthy,
+        tmp_path / "out",
+        culprits,
+        n_jobs=2,
+    )
 
 
 @pytest.mark.full
@@ -86,11 +109,30 @@ def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_
     assert finished.results.attrs["content_sha256"] == golden
 
 
+@pytest.mark.full
+def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_path, monkeypatch):
+    cut(monkeypatch, 20)
+    killed = []
+
+    def kill_one(_):
+        alive = [pid for pid in children() if pid not in before]
+        if not killed and alive:
+            killed.append(alive[0])
+            os.kill(alive[0], signal.SIGKILL)
+
+    before = children()
+    finished = execute(study, tmp_path / "out", backend="loky", n_jobs=1, progress=lambda _: kill_one)
+    assert killed
+    assert finished.results.attrs["content_sha256"] == golden
+
+
 @pytest.mark.alone
 @pytest.mark.parametrize(
     ("backend", "harm"),
     [
         ("loky", failing_shards.stops),
+        pytest.param("loky", failing_shards.hangs, marks=pytest.mark.full),
+        pytest.param("dask", failing_shards.stops, marks=pytest.mark.full),
         pytest.param("dask", failing_shards.hangs, marks=pytest.mark.full),
     ],
 )
@@ -130,7 +172,6 @@ def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.full
 def test_workers_that_cannot_even_start_end_in_a_sentence(study, tmp_path, monkeypatch):
     monkeypatch.setattr(dispatch, "_MOST_DEATHS", 1)
     monkeypatch.setattr(pools, "receive_in_child", failing_shards.does_not_start)
@@ -198,3 +239,8 @@ def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
     finished = execute(read_study(small_study), tmp_path / "out")
     assert 0 < finished.n_run <= N_SCENARIOS - 80
     assert finished.results.attrs["content_sha256"] == golden
+
+
+def test_the_error_of_a_thread_is_that_of_the_user(study, tmp_path):
+    with pytest.raises(InputError, match="give another"):
+        execute(failing_shards.harmful(study, failing_shards.refuses, [0]), tmp_path / "out", n_jobs=2)
