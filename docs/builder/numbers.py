@@ -2,7 +2,7 @@
 
 A page marks each number that it quotes from ``studies/*/tables/NAME.md``; a code host does not show the marks::
 
-    <!-- number hunting_rules | margin | told right -->98.9 % (98.4 to 99.3)<!-- /number -->
+    <!-- number hunting_rules | margin | predicted right -->98.9 % (98.4 to 99.3)<!-- /number -->
     <!-- table hunting_rules -->  the whole table  <!-- end hunting_rules -->
 
 The parts of a number are the table, the row, the column, and optionally how to write the cell (see ``FORMS``).  A row

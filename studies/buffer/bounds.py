@@ -189,7 +189,7 @@ SEEN = 0.25
 class Cycles(NamedTuple):
     """Of the days on which nothing changes: what is predicted, and what is seen; (swing, sample)."""
 
-    foretold: xr.DataArray
+    predicted: xr.DataArray
     seen: xr.DataArray
     swing: xr.DataArray
     by_gain: xr.DataArray
@@ -228,8 +228,8 @@ def cycle_row(name: str, c: Cycles) -> list[str]:
     near = abs(np.log(c.swing)) <= np.log(NEAR)
     return [
         name,
-        str(share_of((c.seen & ~c.foretold).rename(swing="day"))),
-        f"{float(c.foretold.mean()):.0%}, {float((c.seen & c.foretold).mean()):.0%}",
+        str(share_of((c.seen & ~c.predicted).rename(swing="day"))),
+        f"{float(c.predicted.mean()):.0%}, {float((c.seen & c.predicted).mean()):.0%}",
         across(c.swing),
         str(share_of(near.rename(swing="day"), c.seen.rename(swing="day"))),
         across(c.by_gain),
@@ -256,7 +256,7 @@ def write_cycles(runs: Runs) -> None:
         "buffer/buffer_cycle",
         f"The buffer's own cycle where nothing else moves the loop: {len(runs.valves[False].kp)} fresh valves and "
         f"loops, buffers for swings of {', '.join(f'{s:g}' for s in SWINGS[1:])} K",
-        ["loop", "seen, not foretold", "foretold, foretold and seen", "swing / formula (5 %, median, 95 %)",
+        ["loop", "seen, not predicted", "predicted, predicted and seen", "swing / formula (5 %, median, 95 %)",
          f"within a factor of {NEAR:g}", "swing / (K b)", "swing / describing function", "period / formula"],
         table,
     )  # fmt: skip
@@ -287,8 +287,8 @@ def write_upper(runs: Runs) -> None:
         ]
     kind, exact = CONSTANT, len(SHARES) - 1
     valves = runs.of(kind)
-    foretold = phase(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
-    for which, words in ((foretold, "a cycle foretold"), (~foretold, "none foretold")):
+    predicted = phase(valves.plant, valves.kp, valves.ti) < 0.5 * np.pi
+    for which, words in ((predicted, "a cycle predicted"), (~predicted, "none predicted")):
         if which.any():
             table.append(upper_row(f"{kind}, inverse of 100 %, {words}", runs.upper[kind].isel(share=exact), which))
     write_table(

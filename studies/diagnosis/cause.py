@@ -1,4 +1,4 @@
-"""Why does a loop swing?  What a trend log alone tells, against simulations in which the cause is known.
+"""Why does a loop swing?  What a trend log alone shows, against simulations in which the cause is known.
 
 Valves and loops are drawn so that about half of them hunt.  Each is
 simulated as it is, without its backlash, and, on days whose water or air swings, without that swing: so it is known
@@ -166,8 +166,8 @@ def main() -> None:
         given = [one for one in everything if one.said == answer]
         right = of_logs([one.true == answer for one in given]) if answer in CAUSES else "–"
         true = [one for one in everything if one.true == answer]
-        told = of_logs([one.said == answer for one in true]) if answer in CAUSES else "–"
-        summary.append([f"cause: {answer}", str(len(given)), right, told])
+        share = of_logs([one.said == answer for one in true]) if answer in CAUSES else "–"
+        summary.append([f"cause: {answer}", str(len(given)), right, share])
     claimed = [one for one in everything if one.claimed]
     good = [one for one in everything if one.backlash == 0.0]
     summary.append(["a backlash", str(len(claimed)), of_logs([one.is_right for one in claimed]),

@@ -178,7 +178,7 @@ COLUMNS = {
 
 
 class Row(NamedTuple):
-    """What the logs of one population, set of columns and length tell."""
+    """What the logs of one population, set of columns and length show."""
 
     name: str
     columns: str
@@ -193,7 +193,7 @@ class Row(NamedTuple):
 
 
 def identified(of: Logs, hours: int, columns: tuple[str, ...]) -> xr.Dataset:
-    """What the first hours of every log tell; of two valves in three the stroke time is known."""
+    """What the first hours of every log show; of two valves in three the stroke time is known."""
     days, valves = of.signals["command"].shape[:2]
     found = np.empty((days, valves, 4))
     for v, every in enumerate(of.interval // SIMULATED):
@@ -244,14 +244,14 @@ HEAD = ["day", "columns", "length", "wrong claims", "right of what is claimed", 
 def measured(
     populations: dict[str, Population], columns: list[str], valves: int, days: int, good_only: bool = False
 ) -> list[Row]:
-    """What the logs of populations tell, the rows with the largest share of wrong claims first."""
+    """What the logs of populations show, the rows with the largest share of wrong claims first."""
     rows = []
     for k, (name, population) in enumerate(populations.items()):
         seeds = [10 * SEED + 5 * good_only + day for day in range(days)]
         simulated = logs(population, [SEED, k, int(good_only), valves], seeds, valves, good_only)
         for called in columns:
             if called == "command, T_sup" and population.kind != STEPPED:
-                continue  # a set-point that stands still tells nothing
+                continue  # a set-point that stands still shows nothing
             rows += [Row(name, called, hours, identified(simulated, hours, COLUMNS[called])) for hours in HOURS]
         print(f"{name}: done", flush=True)
     return sorted(rows, key=lambda row: -row.wrong)

@@ -86,7 +86,7 @@ def simulated(kind: str, fast: bool) -> Simulated:
     return Simulated(parameters, signals, days, kind, ds.drop_vars(["command", "T_measured"]))
 
 
-def foretold(of: Simulated) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def predicted(of: Simulated) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Backlash identified and whether a loop could be fitted, (days, valves); outcomes (days, valves, 1 + changes).
 
     Nothing predicted is NaN; an outcome is RMSE, travel and whether it hunts.
@@ -144,7 +144,7 @@ def truly(of: Simulated, size: np.ndarray) -> np.ndarray:
 def row(kind: str, fast: bool, change: int, foreseen: tuple[np.ndarray, ...], true: np.ndarray) -> list[str]:
     """How the predictions of one change on one kind of day miss."""
     size, _, outcomes = foreseen
-    asked, told = np.isfinite(size), np.isfinite(outcomes[:, :, [0, change], 0]).all(axis=2)
+    asked, answered = np.isfinite(size), np.isfinite(outcomes[:, :, [0, change], 0]).all(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         miss = (outcomes[:, :, change] / outcomes[:, :, 0]) / (true[:, :, change] / true[:, :, 0])
 
@@ -155,17 +155,17 @@ def row(kind: str, fast: bool, change: int, foreseen: tuple[np.ndarray, ...], tr
         return xr.DataArray(values, dims=("day", "sample"))
 
     def spread(values: np.ndarray) -> str:
-        low, middle, high = np.quantile(values[told & np.isfinite(values)], (0.1, 0.5, 0.9))
+        low, middle, high = np.quantile(values[answered & np.isfinite(values)], (0.1, 0.5, 0.9))
         return f"× {middle:.2f} ({low:.2f} to {high:.2f})"
 
     hunts = outcomes[:, :, change, 2] > 0
     return [
         f"{kind}{', tuned fast' if fast else ''}", CHANGES[change - 1],
-        share(array(hunts != true[:, :, change, 2]), array(told)),
-        share(array(far), array(told)),
-        share(array(~told), array(asked)),
-        f"{told.sum()} of {size.size}",
-        f"{int(true[:, :, 0, 2][told].sum())} → {int(true[:, :, change, 2][told].sum())}",
+        share(array(hunts != true[:, :, change, 2]), array(answered)),
+        share(array(far), array(answered)),
+        share(array(~answered), array(asked)),
+        f"{answered.sum()} of {size.size}",
+        f"{int(true[:, :, 0, 2][answered].sum())} → {int(true[:, :, change, 2][answered].sum())}",
         spread(true[:, :, change, 0] / true[:, :, 0, 0]), spread(miss[..., 0]), spread(miss[..., 1]),
     ]  # fmt: skip
 
@@ -175,14 +175,15 @@ def main() -> None:
     rows = []
     for kind, fast in KINDS:
         of = simulated(kind, fast)
-        foreseen = foretold(of)
+        foreseen = predicted(of)
         true = truly(of, foreseen[0])
         rows += [row(kind, fast, change, foreseen, true) for change in range(1, 1 + len(CHANGES))]
         print(*rows[-len(CHANGES) :], sep="\n", flush=True)
     write_table(
         "diagnosis/diagnosis_predictions",
-        f"What the loop fitted to an 8-h log foretells: {true.shape[1]} loops × {len(DAYS)} days of each kind",
-        ["day", "change", "hunting foretold wrongly", "RMSE off by more than 20 % and 0.02 K", "not told", "told",
-         "hunt: before → after", "RMSE truly", "foretold RMSE against true", "foretold travel against true"],
+        f"What the loop fitted to an 8-h log predicts: {true.shape[1]} loops × {len(DAYS)} days of each kind",
+        ["day", "change", "hunting predicted wrongly", "RMSE off by more than 20 % and 0.02 K", "no prediction",
+         "predictions", "hunt: before → after", "RMSE truly", "predicted RMSE against true",
+         "predicted travel against true"],
         rows,
     )  # fmt: skip

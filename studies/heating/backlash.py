@@ -161,22 +161,22 @@ def theory_rows() -> list[list[str]]:
             }  # fmt: skip
             held = {n: np.repeat(v[:, None], SECONDS, 1) for n, v in at.items()}
             day = fc.Boundary(**held, W_a_in=0.003, day=np.arange(POINTS))
-            told, ds = fc.limit_cycle(loop, day), fc.simulate(loop, day, warm_up=WARM_UP)
-            reach = (fc.linearise(loop, day).reachable > 0.0) & told.hunts.notnull()
-            found.append([f"`{preset}`", gains, *_agreement(told, ds, reach)])
+            theory, ds = fc.limit_cycle(loop, day), fc.simulate(loop, day, warm_up=WARM_UP)
+            reach = (fc.linearise(loop, day).reachable > 0.0) & theory.hunts.notnull()
+            found.append([f"`{preset}`", gains, *_agreement(theory, ds, reach)])
     return found
 
 
-def _agreement(told: xr.Dataset, ds: xr.Dataset, reach: xr.DataArray) -> list[str]:
-    hunts, foretold = ds.hunts > 0.0, told.hunts > 0.0
-    both, missed = hunts & foretold & reach, hunts & ~foretold & reach
-    period = (abs(np.log(told.period / ds.hunting_period)) < np.log(1.15)).where(both).mean()
-    swing = (abs(np.log(2.0 * told.amplitude / ds.hunting_swing)) < np.log(1.5)).where(both).mean()
-    ratio = float((ds.hunting_swing / (2.0 * told.amplitude)).where(both).median())
+def _agreement(theory: xr.Dataset, ds: xr.Dataset, reach: xr.DataArray) -> list[str]:
+    hunts, predicted = ds.hunts > 0.0, theory.hunts > 0.0
+    both, missed = hunts & predicted & reach, hunts & ~predicted & reach
+    period = (abs(np.log(theory.period / ds.hunting_period)) < np.log(1.15)).where(both).mean()
+    swing = (abs(np.log(2.0 * theory.amplitude / ds.hunting_swing)) < np.log(1.5)).where(both).mean()
+    ratio = float((ds.hunting_swing / (2.0 * theory.amplitude)).where(both).median())
     large = f", {float(ds.hunting_swing.where(missed).median()):.1f} K" if bool(missed.any()) else ""
     return [
-        f"{int(missed.sum())}{large}", f"{int((~hunts & foretold & reach).sum())}", f"{int(reach.sum())}",
-        f"{int((hunts & reach).sum())}", share_of(hunts == foretold, reach).written(1), f"{float(period):.0%}",
+        f"{int(missed.sum())}{large}", f"{int((~hunts & predicted & reach).sum())}", f"{int(reach.sum())}",
+        f"{int((hunts & reach).sum())}", share_of(hunts == predicted, reach).written(1), f"{float(period):.0%}",
         f"{float(swing):.0%}, {ratio:.2f}",
     ]  # fmt: skip
 
@@ -198,9 +198,9 @@ def write_backlash() -> None:
     )
     write_table(
         "heating/heating_theory",
-        f"What `limit_cycle` foretells of {LOOPS} loops drawn around each heating preset, at {POINTS} conditions each",
+        f"What `limit_cycle` predicts of {LOOPS} loops drawn around each heating preset, at {POINTS} conditions each",
         ["coil", "gains", "missed, swing (median)", "false alarms", "cases", "hunt", "hunts or not: right",
          "period within 15 %",
-         "swing within × 1.5, over the foretold (median)"],
+         "swing within × 1.5, over the predicted (median)"],
         theory_rows(),
     )  # fmt: skip

@@ -250,10 +250,10 @@ def write_parts(ds: xr.Dataset) -> None:
     base, table = ds.isel(change=0, drop=True), []
     for name in list(CHANGES)[1:]:
         at = ds.sel(change=name, drop=True)
-        simulated, foretold = at.simulated / base.simulated, at.foreseen / base.foreseen
+        simulated, predicted = at.simulated / base.simulated, at.foreseen / base.foreseen
         ok = at.ok & base.ok & simulated.notnull()
-        ratio = (simulated / foretold).where(ok)
-        table.append([name, f"{int(ok.sum()):,}", change_of(simulated, ok), change_of(foretold, ok),
+        ratio = (simulated / predicted).where(ok)
+        table.append([name, f"{int(ok.sum()):,}", change_of(simulated, ok), change_of(predicted, ok),
                       f"{float(ratio.quantile(0.1)):.2f} to {float(ratio.quantile(0.9)):.2f}"])  # fmt: skip
     write_table(
         "hunting/hunting_parts",

@@ -78,8 +78,8 @@ def write_errors(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
         f"Rules for hunting on {fresh}: {ds.sizes['sample']:,} loops × {ds.sizes['day']} conditions, of which "
         f"{int(among.sum()):,} can hold their set-point and {share_of(ds.hunts > 0, among)} hunt; shares with 95 % "
         "intervals over valves and conditions",
-        ["what it looks at", "hunts above", "told right", "of those that hunt", "of those that are calm",
-         *(f"told right, {name}" for name, _ in others)],
+        ["what it looks at", "hunts above", "predicted right", "of those that hunt", "of those that are calm",
+         *(f"predicted right, {name}" for name, _ in others)],
         table,
     )  # fmt: skip
 

@@ -156,7 +156,7 @@ class Case(NamedTuple):
     loop: fc.Loop
     days: fc.Boundary
     seen: xr.Dataset
-    foretold: xr.Dataset
+    predicted: xr.Dataset
 
 
 def compared(population: str, seed: int, loops: int, points: int = POINTS) -> Case:
@@ -165,7 +165,7 @@ def compared(population: str, seed: int, loops: int, points: int = POINTS) -> Ca
     days = constant_days(conditions, population)
     seen = fc.simulate(loop, days, warm_up=WARM_UP)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # what theory does not tell is left out of the cases
+        warnings.simplefilter("ignore", UserWarning)  # what theory cannot predict is left out of the cases
         return Case(loop, days, seen, fc.limit_cycle(loop, days, at=days.n_steps - 1))
 
 
@@ -174,29 +174,29 @@ class Judged(NamedTuple):
 
     among: xr.DataArray
     hunts: xr.DataArray
-    foretold: xr.DataArray
+    predicted: xr.DataArray
     period: xr.DataArray
     swing: xr.DataArray
 
     @classmethod
-    def of(cls, seen: xr.Dataset, foretold: xr.Dataset) -> Judged:
+    def of(cls, seen: xr.Dataset, predicted: xr.Dataset) -> Judged:
         """Of a simulation and its forecast."""
-        seen, foretold = (ds.reset_coords(drop=True).transpose("sample", "day") for ds in (seen, foretold))
-        hunts, told = seen.hunts == 1.0, foretold.hunts == 1.0
-        among = (foretold.margin > 0.0) & (seen.status == 0)
-        period = abs(foretold.period / seen.hunting_period - 1.0) <= PERIOD
-        swing = abs(np.log(2.0 * foretold.amplitude / seen.hunting_swing)) <= np.log(SWING)
-        return cls(among, hunts, told, period, swing)
+        seen, predicted = (ds.reset_coords(drop=True).transpose("sample", "day") for ds in (seen, predicted))
+        hunts, hunts_by_theory = seen.hunts == 1.0, predicted.hunts == 1.0
+        among = (predicted.margin > 0.0) & (seen.status == 0)
+        period = abs(predicted.period / seen.hunting_period - 1.0) <= PERIOD
+        swing = abs(np.log(2.0 * predicted.amplitude / seen.hunting_swing)) <= np.log(SWING)
+        return cls(among, hunts, hunts_by_theory, period, swing)
 
     def cells(self, some: xr.DataArray | None = None) -> list[str]:
         """Failures first: missed, false alarms, then shares with their intervals."""
         among = self.among if some is None else self.among & some
-        both = among & self.hunts & self.foretold
-        right = self.hunts == self.foretold
+        both = among & self.hunts & self.predicted
+        right = self.hunts == self.predicted
         few = int(both.sum()) < 10
         return [
-            f"{int((among & self.hunts & ~self.foretold).sum())}",
-            f"{int((among & ~self.hunts & self.foretold).sum())}",
+            f"{int((among & self.hunts & ~self.predicted).sum())}",
+            f"{int((among & ~self.hunts & self.predicted).sum())}",
             f"{int(among.sum()):,}",
             f"{int((among & self.hunts).sum())}",
             share_of(right, among).written(1) if bool(among.any()) else "—",
@@ -223,10 +223,10 @@ def rows_where(judged: Mapping[str, Judged], cases: Mapping[str, Case]) -> Itera
     def parameter(name: str) -> xr.DataArray:
         return joined(lambda case: xr.DataArray(cases[case].loop[name]).drop_vars("sample", errors="ignore"))
 
-    def told(name: str) -> xr.DataArray:
+    def theory(name: str) -> xr.DataArray:
         return joined(
             lambda case: (
-                cases[case].foretold[name].reset_coords(drop=True).drop_vars(["sample", "day"], errors="ignore")
+                cases[case].predicted[name].reset_coords(drop=True).drop_vars(["sample", "day"], errors="ignore")
             )
         )
 
@@ -237,14 +237,14 @@ def rows_where(judged: Mapping[str, Judged], cases: Mapping[str, Case]) -> Itera
     def rest(name: str) -> xr.DataArray:
         return joined(lambda case: at_rest[case][name].drop_vars(["sample", "day"], errors="ignore"))
 
-    wet, opening, margin = rest("wet_volumes"), rest("opening"), told("margin")
-    samples = told("period") / parameter("sample_time")
+    wet, opening, margin = rest("wet_volumes"), rest("opening"), theory("margin")
+    samples = theory("period") / parameter("sample_time")
     conditions = {
         "no gap": parameter("backlash") == 0.0,
         **_bands("gap", parameter("backlash"), (0.0, 0.02, 0.05, 0.15), "{:.0%}"),
         **_bands("margin", margin, (0.0, 0.7, 0.85, 1.0, 1.2, 2.0, 4.0, np.inf), "{:g}"),
         **_bands("sample time", parameter("sample_time"), (0.0, 5.0, 15.0, 60.0), "{:g} s"),
-        **_bands("foretold samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
+        **_bands("predicted samples to a period", samples, (0.0, 6.0, 10.0, 20.0, np.inf), "{:g}"),
         "motor at once": parameter("stroke_time") == 0.0,
         **_bands("stroke", parameter("stroke_time"), (0.0, 60.0, 150.0), "{:g} s"),
         "no sensor lag": parameter("sensor_time_constant") == 0.0,
@@ -268,7 +268,7 @@ def _bands(name: str, values: xr.DataArray, edges: tuple[float, ...], form: str)
     return found
 
 
-def foretold_with(
+def predicted_with(
     loop: fc.Loop, days: fc.Boundary, of: Callable[[dict[str, np.ndarray], Plants], Cycles]
 ) -> xr.Dataset:
     """What another way of reckoning predicts."""
@@ -324,16 +324,16 @@ def choose() -> None:
     for above in (0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.95, 1.0):
         with patch.object(cycles, "HUNTS_ABOVE", above):
             right = [Judged.of(c.seen, fc.limit_cycle(c.loop, c.days, at=c.days.n_steps - 1)) for c in cases]
-        print(f"{above:g}", *(share_of(j.hunts == j.foretold, j.among).written(2) for j in right), sep="   ")
+        print(f"{above:g}", *(share_of(j.hunts == j.predicted, j.among).written(2) for j in right), sep="   ")
 
 
 def main() -> None:
     """Write every table."""
     cases = {name: compared(name, FRESH, LOOPS if name in PLAIN else OTHER_LOOPS) for name in POPULATIONS}
-    judged = {name: Judged.of(case.seen, case.foretold) for name, case in cases.items()}
+    judged = {name: Judged.of(case.seen, case.predicted) for name, case in cases.items()}
     write_table(
         "hunting/limit_cycles",
-        f"What is foretold beside what happens: random loops × plants × {POINTS} operating points, seed {FRESH}; of "
+        f"What is predicted beside what happens: random loops × plants × {POINTS} operating points, seed {FRESH}; of "
         "those whose set-point can be held",
         ["loops", *HEAD],
         ([POPULATIONS[name].words, *of.cells()] for name, of in judged.items()),
@@ -350,7 +350,7 @@ def main() -> None:
         "What each part of the theory earns, plain loops of cooling; heating",
         ["what theory counts", *HEAD],
         (
-            [f"{part}; {name}", *Judged.of(case.seen, foretold_with(case.loop, case.days, of)).cells()]
+            [f"{part}; {name}", *Judged.of(case.seen, predicted_with(case.loop, case.days, of)).cells()]
             for part, of in PARTS.items()
             for name, case in plain.items()
         ),

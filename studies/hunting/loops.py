@@ -169,11 +169,11 @@ def of_loop(loop: fc.Loop, *names: str) -> xr.Dataset:
 def both(loop: fc.Loop, day: fc.Boundary, found: xr.Dataset) -> xr.Dataset:
     """What is foreseen, what was simulated, and the tuning, over the dims of the loop and ``day``.
 
-    foretold: ``hunts`` of ``fc.limit_cycle``, which counts the motor, the limits of the stroke and the curve, too.
+    predicted: ``hunts`` of ``fc.limit_cycle``, which counts the motor, the limits of the stroke and the curve, too.
     """
     tuning = of_loop(loop, "kp", "ti", "backlash")
-    foretold = fc.limit_cycle(loop, day).hunts.reset_coords(drop=True).rename("foretold")
-    return xr.merge([foreseen(loop, day), foretold, found, tuning], compat="override")
+    predicted = fc.limit_cycle(loop, day).hunts.reset_coords(drop=True).rename("predicted")
+    return xr.merge([foreseen(loop, day), predicted, found, tuning], compat="override")
 
 
 def population(seed: int, size: int, days: int, wide: bool = False) -> xr.Dataset:
@@ -240,7 +240,7 @@ def candidates(power: float, delays: float) -> dict[str, Callable[[xr.Dataset], 
         "180° less phase margin": lambda ds: 180.0 - ds.phase_margin,
         "1 / gain margin": lambda ds: 1.0 / ds.gain_margin,
         "overshoot of a set-point step without backlash": lambda ds: ds.overshoot,
-        "`fc.limit_cycle`: motor, stroke and curve, too": lambda ds: ds.foretold,
+        "`fc.limit_cycle`: motor, stroke and curve, too": lambda ds: ds.predicted,
     }
 
 
@@ -260,9 +260,9 @@ def limits(found: xr.DataArray, hunts: xr.DataArray, among: xr.DataArray) -> tup
     x, h = found.transpose(*among.dims).values.ravel()[use], hunts.transpose(*among.dims).values.ravel()[use] > 0.0
     order = np.argsort(x, kind="stable")
     x, h = x[order], h[order]
-    told = np.concatenate([h[::-1].cumsum()[::-1], [0]]) / h.sum()
+    caught = np.concatenate([h[::-1].cumsum()[::-1], [0]]) / h.sum()
     calm = np.concatenate([[0], (~h).cumsum()]) / (~h).sum()
-    at = int(np.argmax(told + calm))
+    at = int(np.argmax(caught + calm))
     middle = 0.5 * (x[at - 1] + x[at])
     return float(middle), float(min(middle, np.quantile(x[h], 1.0 - SURE)))
 
@@ -291,7 +291,7 @@ def _rounded(limit: float) -> float:
 
 
 def errors(ds: xr.Dataset, rule: Rule, among: xr.DataArray | None = None) -> tuple[str, str, str]:
-    """Shares of the loops told right, of those that hunt and of those that do not, with intervals."""
+    """Shares of the loops predicted right, of those that hunt and of those that do not, with intervals."""
     among = counted(ds) if among is None else among
     true = ds.hunts > 0.0
     right = (rule.of(ds) > rule.limit) == true
@@ -316,8 +316,8 @@ def by_one_step(ds: xr.Dataset, place: Callable[[xr.Dataset], xr.DataArray]) -> 
         step = place(part).where(ok, np.inf).argmin("day")
         model = {name: part[name].isel(day=step).drop_vars("day", errors="ignore") for name in MODEL}
         at = xr.DataArray(np.arange(part.sizes["day"]), dims="day")
-        told = part.assign({name: value.broadcast_like(part[name]) for name, value in model.items()})
-        parts.append(told.assign(reachable=ok & (at != step.drop_vars("day", errors="ignore"))))
+        read = part.assign({name: value.broadcast_like(part[name]) for name, value in model.items()})
+        parts.append(read.assign(reachable=ok & (at != step.drop_vars("day", errors="ignore"))))
     return xr.concat(parts, "day", data_vars="all")
 
 

@@ -36,7 +36,7 @@ PLANTS = {"known": (1.0, 1.0), "5 % off": (0.95, 1.05), "15 % off": (0.85, 1.15)
 """What a model has for the conductances of the coil and for the flow of the open valve, as shares of the true ones."""
 
 
-def foretold(valve: fc.Loop, days: fc.Boundary, command: np.ndarray) -> xr.DataArray:
+def predicted(valve: fc.Loop, days: fc.Boundary, command: np.ndarray) -> xr.DataArray:
     """Temperature that the controller would measure with each gap and each plant, °C, over every INTERVAL.
 
     command: (day, second).
@@ -53,9 +53,9 @@ def foretold(valve: fc.Loop, days: fc.Boundary, command: np.ndarray) -> xr.DataA
     return found.transpose("plant", "day", "elapsed_time", "candidate")
 
 
-def innovations(measured: np.ndarray, foretold: np.ndarray) -> np.ndarray:
+def innovations(measured: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     """What is new in the errors of the models, K: (time, candidate)."""
-    error = measured[:, None] - foretold
+    error = measured[:, None] - predicted
     new = np.zeros_like(error)
     new[1:] = error[1:] - np.exp(-INTERVAL / COLOUR) * error[:-1]
     return new
@@ -155,7 +155,7 @@ def banks(loop: fc.Loop, days: fc.Boundary, scaled: fc.Boundary) -> list[xr.Data
     commands = np.repeat(seen.command.transpose("sample", "day", "elapsed_time").values, 5, axis=-1)
     new = []
     for k in range(seen.sizes["sample"]):
-        models = foretold(picked(loop, sample=k), days, commands[k]).values
+        models = predicted(picked(loop, sample=k), days, commands[k]).values
         new.append([innovations(measured[k].ravel(), of.reshape(-1, len(CANDIDATES))) for of in models])
     news = np.array(new)  # sample, plant, time, candidate
     at_first = news.shape[2] * BEFORE // SEQUENCE

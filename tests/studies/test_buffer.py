@@ -191,7 +191,7 @@ def test_what_the_inverse_leaves_is_a_play_of_the_width_it_misses():
     assert 0.1 * still.mean() == pytest.approx(left, abs=2e-4)
 
 
-def test_cycles_count_what_the_formula_foretells():
+def test_cycles_count_what_the_formula_predicts():
     """Two swings that are the formula's, one that is twice it, and one that is not there."""
     plant = Plant(*(np.full(4, v) for v in (12.0, 60.0, 30.0)))
     valves = runs.Valves(None, plant, np.full(4, 0.06), np.full(4, 60.0), None, None, None)
@@ -200,7 +200,7 @@ def test_cycles_count_what_the_formula_foretells():
     ds = xr.Dataset({name: (("share", "swing", "sample"), np.stack([swing, swing])) for name in
                      ("hunting_swing", "hunting_period")})  # fmt: skip
     found = bounds.cycles(valves, ds, 0)
-    assert found.foretold.all()
+    assert found.predicted.all()
     np.testing.assert_array_equal(found.seen.values, np.broadcast_to([True, True, True, False], swing.shape))
     row = bounds.cycle_row("loop", found)
     assert row[2:4] == ["100%, 75%", "1.00 … 1.00 … 2.00"]

@@ -9,13 +9,13 @@ from studies.diagnosis.cause import Answer
 
 
 def test_the_tables_count_the_answers_by_truth_and_by_answer(written, monkeypatch):
-    told = [
+    found = [
         Answer("stepped", "backlash", "backlash", 0.08, True, 0.09),
         Answer("stepped", "backlash", "unknown", 0.08, False, 0.02),
         Answer("stepped", "none", "backlash", 0.0, True, 0.05),
         Answer("stepped", "none", "none", 0.0, True, 0.01),
     ]
-    monkeypatch.setattr(diagnosis_cause, "answers", lambda kind: told if kind == "stepped" else [])
+    monkeypatch.setattr(diagnosis_cause, "answers", lambda kind: found if kind == "stepped" else [])
     diagnosis_cause.main()
     _, rows = written("diagnosis_cause")
     assert rows[0] == ["day", "truth", "loops", "none", "backlash", "tuning", "disturbance", "unknown"]

@@ -34,12 +34,12 @@ def loops():
     ds["backlash"] = ("sample",), draw.choice([0.0, 0.05], 300)
     ds["reachable"] = dims, draw.uniform(size=shape) < 0.9
     ds["margin"] = dims, draw.uniform(0.1, 2.0, shape)
-    ds = ds.assign(overshoot=ds.margin, foretold=(ds.margin > 1.0).astype(float))
+    ds = ds.assign(overshoot=ds.margin, predicted=(ds.margin > 1.0).astype(float))
     return ds.assign(gain_margin=1.0 / ds.margin, phase_margin=90.0 - 30.0 * ds.margin)
 
 
 def of_rule(ds, rule):
-    """(told, hunts) of the loops that count, as plain Python."""
+    """(warned, hunts) of the loops that count, as plain Python."""
     return [
         (bool(rule.of(ds)[i, d] > rule.limit), bool(ds.hunts[i, d] > 0))
         for i in range(0, ds.sizes["sample"])
@@ -65,9 +65,9 @@ def test_a_limit_is_the_best_of_all_by_plain_python():
     x = np.where(hunts, draw.normal(1.0, 0.6, 120), draw.normal(0.0, 0.6, 120))
 
     def both(limit):
-        told = [v > limit for v in x]
-        sensitivity = sum(a and b for a, b in zip(told, hunts, strict=True)) / hunts.sum()
-        return sensitivity + sum(not a and not b for a, b in zip(told, hunts, strict=True)) / (~hunts).sum()
+        warned = [v > limit for v in x]
+        sensitivity = sum(a and b for a, b in zip(warned, hunts, strict=True)) / hunts.sum()
+        return sensitivity + sum(not a and not b for a, b in zip(warned, hunts, strict=True)) / (~hunts).sum()
 
     among = xr.DataArray(np.ones(120, bool), dims="sample")
     limit, safe = hunting_loops.limits(xr.DataArray(x, dims="sample"), xr.DataArray(hunts * 1.0, dims="sample"), among)
@@ -79,7 +79,7 @@ def test_error_rates_count_worn_valves_that_reach_their_set_point(loops):
     rule = Rule("half of the truth", lambda ds: ds.kp, 0.04, 0.04)
     counted = of_rule(loops.isel(sample=slice(0, 60)), rule)
     shares = hunting_loops.errors(loops.isel(sample=slice(0, 60)), rule)
-    right = [told == hunts for told, hunts in counted]
+    right = [warned == hunts for warned, hunts in counted]
     parts = (
         right,
         [r for r, (_, hunts) in zip(right, counted, strict=True) if hunts],

@@ -10,21 +10,23 @@ from studies.hunting.limit_cycles import Judged, compared
 def judged(**values):
     """Of four loops on one day; values: four of each."""
     seen = {"status": [0, 0, 0, 0], "hunting_period": 100.0, "hunting_swing": 1.0}
-    foretold = {"margin": [1.0, 1.0, 1.0, 1.0], "period": 100.0, "amplitude": 0.5}
+    predicted = {"margin": [1.0, 1.0, 1.0, 1.0], "period": 100.0, "amplitude": 0.5}
     both = []
-    for defaults, names in ((seen, ("hunts", *seen)), (foretold, ("told", *foretold))):
-        arrays = {n.replace("told", "hunts"): np.resize(values.get(n, defaults.get(n, 0.0)), (4, 1)) for n in names}
+    for defaults, names in ((seen, ("hunts", *seen)), (predicted, ("theory", *predicted))):
+        arrays = {n.replace("theory", "hunts"): np.resize(values.get(n, defaults.get(n, 0.0)), (4, 1)) for n in names}
         both.append(xr.Dataset({n: (("sample", "day"), a) for n, a in arrays.items()}))
     return Judged.of(*both)
 
 
 def test_what_is_missed_is_counted_apart_from_false_alarms():
-    of = judged(hunts=[1.0, 1.0, 0.0, 0.0], told=[0.0, 1.0, 1.0, 1.0])
+    of = judged(hunts=[1.0, 1.0, 0.0, 0.0], theory=[0.0, 1.0, 1.0, 1.0])
     assert of.cells()[:4] == ["1", "2", "4", "2"]
 
 
 def test_out_of_reach_and_failed_loops_do_not_count():
-    of = judged(hunts=[1.0, 1.0, 1.0, 1.0], told=[0.0, 0.0, 1.0, 1.0], margin=[0.0, 1.0, 1.0, 1.0], status=[0, 1, 0, 0])
+    of = judged(
+        hunts=[1.0, 1.0, 1.0, 1.0], theory=[0.0, 0.0, 1.0, 1.0], margin=[0.0, 1.0, 1.0, 1.0], status=[0, 1, 0, 0]
+    )
     assert of.cells()[:4] == ["0", "0", "2", "2"]
 
 
@@ -39,6 +41,6 @@ def test_an_amplitude_is_half_of_a_swing_and_both_limits_are_kept():
 @pytest.mark.parametrize("population", ["cooling", "heating", "too small"])
 def test_on_loops_of_another_seed_97_of_100_forecasts_are_right(population):
     case = compared(population, 3101, 100)
-    of = Judged.of(case.seen, case.foretold)
-    right = ((of.hunts == of.foretold) & of.among).sum() / of.among.sum()
+    of = Judged.of(case.seen, case.predicted)
+    right = ((of.hunts == of.predicted) & of.among).sum() / of.among.sum()
     assert float(right) >= 0.97

@@ -107,7 +107,7 @@ def test_the_bank_finds_the_gap_of_a_loop_whose_plant_it_knows():
     seen = detect._lived(loop.assign(noise_std=0.01), days, ["T_measured", "command"], 5)
     for k, gap in enumerate((0.0, 0.05)):
         command = np.repeat(seen.command.values[k], 5, axis=-1)
-        models = detect.foretold(detect.picked(loop, sample=k), days, command)
+        models = detect.predicted(detect.picked(loop, sample=k), days, command)
         measured = seen.T_measured.values[k, :, :: detect.INTERVAL // 5].ravel()
         new = detect.innovations(measured, models.sel(plant="known").values.reshape(measured.size, -1))
         mean = detect.probabilities(new[None], detect.noise_of(new[None]))[0, -60:] @ detect.CANDIDATES
