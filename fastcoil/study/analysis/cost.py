@@ -25,7 +25,7 @@ LONGEST_CURRENCY = 20
 DEAREST = 1e9
 PRICES = {
     "electricity": ("the price of a kWh of electricity", 0.13),
-    "demand": ("the monthly price of a kW of the highest 15-min demand, 0 for none", 15.0),
+    "demand": ("the monthly price of a kW of the highest 15-min demand, 0 for none", 15),
     "heat": ("the price of a kWh of heat, that of gas over the efficiency of the boiler", 0.05),
 }
 """Every price: what it is, and an example for messages."""

@@ -1,4 +1,7 @@
-"""The text of a study file as tables of known shape, and the sentences for one of the wrong shape."""
+"""The text of a study file as tables of known shape, and the sentences for one of the wrong shape.
+
+The models also say what the JSON Schema adds to their types; the checks of values are those of whoever uses them.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,12 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.base.errors import InputError, collecting, nearest, shown
-from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE
+from fastcoil.design.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
+from fastcoil.design.tuning_plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
+from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.metric_table import TRACES, WARM_UP
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
-from fastcoil.study.analysis.cost import COP, CURRENCY, PRICES
+from fastcoil.study.analysis.cost import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
 
 _DEEPEST = 20
 """Tables and lists inside each other: a study needs five."""
@@ -34,46 +39,68 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
     except RecursionError:
         raise InputError(f"{name} has tables or lists inside each other without end: {_FLATTEN}") from None
     except ValueError as error:  # also of a number with more digits than Python reads
-        raise InputError(f"{name} is not valid TOML: {_cut(str(error))}") from None
-    problems = list(_problems(tables))
+        reason = str(error)
+        short = reason if len(reason) <= 300 else reason[:200] + " … " + reason[-60:]
+        raise InputError(f"{name} is not valid TOML: {short}") from None
+    problems = list(_unusable(tables))
     if problems:
         raise InputError([f"{name}: {problem}" for problem in problems])
     return tables
 
 
-def _cut(reason: str) -> str:
-    return reason if len(reason) <= 300 else reason[:200] + " … " + reason[-60:]
+def _unusable(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
+    """A sentence for each value that is nested too deeply, or cannot be shown or stored."""
+    if isinstance(value, dict | list) and depth >= _DEEPEST:
+        yield f"{place} has more than {_DEEPEST} tables or lists inside each other: {_FLATTEN}"
+    elif isinstance(value, list):
+        for one in value:
+            yield from _unusable(one, place, depth + 1)
+    elif isinstance(value, dict):
+        for key, one in value.items():
+            if len(key) > LONGEST_KEY:
+                yield f"{place}{shown(key)} is a key of {len(key):,} characters: give at most {LONGEST_KEY}"
+            elif "\0" in key:
+                yield f"{place}{shown(key)} holds the character NUL: delete it"
+            else:
+                yield from _unusable(one, f"{place}.{key}" if place else key, depth + 1)
+    elif isinstance(value, str) and "\0" in value:
+        yield f"{place} = {shown(value)} holds the character NUL: delete it"
+    elif isinstance(value, int) and value.bit_length() > _LARGEST_NUMBER:
+        yield f"{place} is a number of too many digits: give a smaller one"
 
 
-def _problems(tables: dict[str, Any]) -> Iterator[str]:
-    left: list[tuple[str, int, Any]] = [("", 0, tables)]
-    while left:
-        place, depth, value = left.pop()
-        if isinstance(value, dict | list) and depth >= _DEEPEST:
-            yield f"{place} has more than {_DEEPEST} tables or lists inside each other: {_FLATTEN}"
-        elif isinstance(value, dict):
-            for key, one in value.items():
-                if len(key) > LONGEST_KEY:
-                    yield f"{place}{shown(key)} is a key of {len(key):,} characters: give at most {LONGEST_KEY}"
-                elif "\0" in key:
-                    yield f"{place}{shown(key)} holds the character NUL: delete it"
-                else:
-                    left.append((f"{place}.{key}" if place else key, depth + 1, one))
-        elif isinstance(value, list):
-            left += [(place, depth + 1, one) for one in value]
-        elif isinstance(value, str) and "\0" in value:
-            yield f"{place} = {shown(value)} holds the character NUL: delete it"
-        elif isinstance(value, int) and value.bit_length() > _LARGEST_NUMBER:
-            yield f"{place} is a number of too many digits: give a smaller one"
-
-
+Schema = dict[str, Any]
 Value = TypeVar("Value")
 
 _MOST_HINTS = 20
 """Unknown names for which a similar one is suggested: it takes a millisecond each."""
 _MOST_TRACES = 2 * len(TRACES)
-_EXAMPLES = {"search": "{ kp = [0.005, 0.1], ti = [5, 600] }", **{n: f"{price:g}" for n, (_, price) in PRICES.items()}}
-"""Of what a table must have."""
+
+
+def whole(low: int, high: int | None, description: str = "") -> Schema:
+    """Schema of a whole number."""
+    limits = {"minimum": low} if high is None else {"minimum": low, "maximum": high}
+    return {"type": "integer", **limits} | ({"description": description} if description else {})
+
+
+def list_of(items: Iterable[Schema]) -> Schema:
+    """Schema of a list of exactly these items."""
+    items = list(items)
+    return {"type": "array", "prefixItems": items, "items": False, "minItems": len(items)}
+
+
+def _price(name: str) -> Any:
+    meaning, example = PRICES[name]
+    return _field(..., minimum=0, maximum=DEAREST, description=meaning, examples=[example])
+
+
+def _field(default: Any, most: int | None = None, **schema: Any) -> Any:
+    return Field(default, max_length=most, json_schema_extra=schema)
+
+
+_SHARE: Schema = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1}, {"const": MEAN}]}
+_MOST: Schema = {"anyOf": [{"type": "number"}, {"const": NOW}]}
+_LIMIT: Schema = {"anyOf": [*_MOST["anyOf"], list_of([_MOST, _SHARE])]}
 
 
 class _Strict(BaseModel):
@@ -81,52 +108,66 @@ class _Strict(BaseModel):
 
 
 class RunTable(_Strict):
-    """``[run]``: how to run the study."""
+    """How to run, not what."""
 
-    warm_up: int = WARM_UP
-    seed: int = 0
-    replicates: int = 1
-    carry_over: bool = False
-    traces: list[str] = Field(default_factory=list, max_length=_MOST_TRACES)
-    trace_interval: int = 60
+    model_config = ConfigDict(json_schema_extra={"dependentRequired": {"reduce": ["traces"]}})
+
+    warm_up: int = _field(WARM_UP, **whole(*RUN_LIMITS["warm_up"]))
+    seed: int = _field(0, **whole(*RUN_LIMITS["seed"]))
+    replicates: int = _field(1, **whole(*RUN_LIMITS["replicates"]))
+    carry_over: bool = _field(False, description="each day begins as the one before ended")
+    traces: list[str] = _field([], _MOST_TRACES, items={"enum": list(TRACES)}, uniqueItems=True)
+    trace_interval: int = _field(60, **whole(*RUN_LIMITS["trace_interval"]))
     reduce: str | None = None
-    predict: bool = False
+    predict: bool = _field(False, description="add what theory predicts of the hunting")
 
 
 class TuneTable(_Strict):
-    """``[tune]``: what `fastcoil tune` chooses for the valves and days of the study."""
+    """What `fastcoil tune` chooses for all valves and days."""
 
-    search: dict[str, Any]
-    objective: str = OBJECTIVE
-    quantile: float | str = QUANTILE
-    limits: dict[str, Any] = Field(default_factory=dict)
+    search: dict[str, Any] = _field(
+        ...,
+        minProperties=1,
+        description="what may be chosen: [lowest, highest] by parameter",
+        examples=["{ kp = [0.005, 0.1], ti = [5, 600] }"],
+    )
+    objective: str = _field(OBJECTIVE, enum=[name for name in COUNTED if name not in NO_GOALS])
+    quantile: float | str = _field(QUANTILE, description="share of valves and days whose value counts", **_SHARE)
+    limits: dict[str, Any] = _field(
+        {},
+        properties=dict.fromkeys((*COUNTED, MARGIN), _LIMIT),
+        additionalProperties=False,
+        description="upper limits by metric",
+    )
     holdout: Any = None
-    evaluations: int = EVALUATIONS
+    evaluations: int = _field(EVALUATIONS, **whole(1, MOST_EVALUATIONS))
 
 
 class TariffTable(_Strict):
-    """``[tariff]``: prices, and with what the costs are compared; see ``fc.cost``."""
+    """Prices: the summary of a run then says what backlash costs a year."""
 
-    electricity: float
-    demand: float
-    heat: float
-    cop: float = COP
-    electric_heat: bool = False
-    currency: str = CURRENCY
-    baseline: dict[str, float | str] = Field(default_factory=dict)
+    electricity: float = _price("electricity")
+    demand: float = _price("demand")
+    heat: float = _price("heat")
+    cop: float = _field(COP, minimum=COP_LIMITS[0], maximum=COP_LIMITS[1], description="of the chiller")
+    electric_heat: bool = _field(False, description="heating coils also pay for demand")
+    currency: str = _field(CURRENCY, minLength=1, maxLength=LONGEST_CURRENCY)
+    baseline: dict[str, float | str] = _field(
+        {}, description="dim and label of the loops to compare with; those without backlash by default"
+    )
 
 
 class StudyFile(_Strict):
-    """The shape of a study file; ``Loop``, the boundary's function and ``prepare`` check the values."""
+    """Which loops are simulated on which days."""
 
-    title: str = ""
-    question: str = ""
+    title: str = _field("", description="what the study is called in summaries and figures")
+    question: str = _field("", description="what the study asks")
     loop: dict[str, Any]
-    sweep: dict[str, Any] = Field(default_factory=dict)
-    cases: dict[str, dict[str, dict[str, Any]]] = Field(default_factory=dict)
+    sweep: dict[str, Any] = {}
+    cases: dict[str, dict[str, dict[str, Any]]] = {}
     sample: dict[str, Any] | None = None
-    boundary: dict[str, Any] = Field(default_factory=dict)
-    run: RunTable = Field(default_factory=RunTable)
+    boundary: dict[str, Any] = {}
+    run: RunTable = RunTable()
     tune: TuneTable | None = None
     tariff: TariffTable | None = None
 
@@ -142,7 +183,7 @@ def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
     except ValidationError as error:
         wrong = {str(detail["loc"][0]) for detail in error.errors()}
         rest = {name: table for name, table in tables.items() if name not in wrong}
-        return StudyFile.model_validate({"loop": {}, **rest}), list(_sentences(error))
+        return StudyFile.model_validate({"loop": {}, **rest}), list(dict.fromkeys(_sentences(error)))
 
 
 def with_hints(names: Iterable[str], known: Collection[str]) -> Iterator[tuple[str, str]]:
@@ -176,50 +217,40 @@ def are_numbers(values: object, count: int) -> bool:
     return all(type(v) in (int, float) and -LARGEST <= v <= LARGEST for v in values)
 
 
+_CURES = {
+    "int": "give a whole number",
+    "float": "give a number",
+    "finite": "give a finite number",
+    "string": "give a text in quotes",
+    "bool": "give true or false",
+    "too_long": f"give at most {_MOST_TRACES}, each once",
+    "dict": "give a table",
+    "model": "give a table",
+    "list": "give a list",
+}
+"""By how pydantic's name of a mistake begins."""
+
+
 def _sentences(error: ValidationError) -> Iterator[str]:
-    """One sentence for each mistake in the shape of the file: place, value, cure."""
+    """A sentence for each mistake in the shape of the file: place, value, cure."""
     details = error.errors()
+    unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
     for table, model in _MODELS.items():
-        unknown = [d["loc"] for d in details if d["type"] == "extra_forbidden"]
-        known, of_table = (
-            list(model.model_fields),
-            [place for place in unknown if "".join(map(str, place[:-1])) == table],
-        )
-        for name, hint in with_hints((str(place[-1]) for place in of_table), known):
-            yield f"{f'[{table}] ' if table else ''}{name} is unknown{hint}; known: {', '.join(known)}"
-    either = set[str]()
+        of_table = [str(key) for *parents, key in unknown if "".join(map(str, parents)) == table]
+        for name, hint in with_hints(of_table, model.model_fields):
+            prefix = f"[{table}] " if table else ""
+            yield f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
     for detail in details:
         table, *keys = map(str, detail["loc"])
-        if keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have
-            name = ".".join(keys[:-1])
-            if name not in either:
-                yield f"[{table}] {name} = {shown(detail['input'])}: give a number, or a text in quotes"
-            either.add(name)
-            continue
+        kind = detail["type"]
         where = f"[{table}] {'.'.join(keys)}" if keys else table
-        if detail["type"] == "extra_forbidden":
-            continue
-        if detail["type"] == "missing" and keys:
-            yield f"{where} is missing: give it, such as {keys[-1]} = {_EXAMPLES[keys[-1]]}"
-        elif detail["type"] == "missing":
+        if kind == "missing" and keys:
+            extra: Any = _MODELS[table].model_fields[keys[-1]].json_schema_extra
+            yield f"{where} is missing: give it, such as {keys[-1]} = {extra['examples'][0]}"
+        elif kind == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
-        else:
-            yield f"{where} = {shown(detail['input'])}: {_cure(detail['type'], str(detail['msg']))}"
-
-
-def _cure(kind: str, message: str) -> str:
-    for start, cure in (
-        ("int", "give a whole number"),
-        ("float", "give a number"),
-        ("bool", "give true or false"),
-        ("finite", "give a finite number"),
-        ("string", "give a text in quotes"),
-        ("bool", "give true or false"),
-        ("too_long", f"give at most {_MOST_TRACES}, each once"),
-        ("dict", "give a table"),
-        ("model", "give a table"),
-        ("list", "give a list"),
-    ):
-        if kind.startswith(start):
-            return cure
-    return message[0].lower() + message[1:]
+        elif keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have
+            yield f"[{table}] {'.'.join(keys[:-1])} = {shown(detail['input'])}: give a number, or a text in quotes"
+        elif kind != "extra_forbidden":
+            cure = next(cure for start, cure in _CURES.items() if kind.startswith(start))
+            yield f"{where} = {shown(detail['input'])}: {cure}"
