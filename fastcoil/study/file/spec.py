@@ -1,12 +1,4 @@
-"""Build the days on which a study is run from the table ``[boundary]``.
-
-The size of a study from its tables alone: one that does not fit is refused before any of its values is made.
-
-What the table ``[tariff]`` of a study asks for.
-
-What the table ``[tune]`` of a study asks for.
-
-The strict reader of study files (TOML): it guesses nothing and reports all mistakes together.
+"""The strict reader of study files (TOML): it guesses nothing and reports all mistakes together.
 
 A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep]`` (a parameter on its own axis),
 ``[cases.NAME]`` (named alternatives along a dimension NAME), ``[sample]`` (parameters drawn from distributions),
@@ -22,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.base.files import read_text
@@ -55,67 +47,51 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
 }
 
 
+_BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
+"""Metrics and status: the result, its image on the way to disk, a copy while it is put together."""
+_MOST_OF_ANY = 2**32
+_MOST_LABELS = 10
+
+
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
     """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent."""
     arguments = dict(table)
     kind = arguments.pop("kind", "paper_day")
     if not isinstance(kind, str) or kind not in BOUNDARY_KINDS:
-        raise InputError(
-            f"[boundary] kind = {shown(kind)}: unknown{nearest(str(kind), BOUNDARY_KINDS)}; "
-            f"choose one of {', '.join(BOUNDARY_KINDS)}"
-        )
+        known = ", ".join(BOUNDARY_KINDS)
+        hint = nearest(str(kind), BOUNDARY_KINDS)
+        raise InputError(f"[boundary] kind = {shown(kind)}: unknown{hint}; choose one of {known}")
     make = BOUNDARY_KINDS[kind]
     signature = inspect.signature(make).parameters
-    problems = [
-        f"[boundary] {name} is not an argument of {kind}{hint}; it takes {', '.join(signature)}"
-        for name, hint in with_hints((name for name in arguments if name not in signature), signature)
-    ]
-    problems += [
-        f"[boundary] {name} is missing: {kind} needs it"
-        for name, p in signature.items()
-        if p.default is p.empty and name not in arguments
-    ]
-    if problems:
-        raise InputError(problems)
+    unknown = with_hints((name for name in arguments if name not in signature), signature)
+    missing = [name for name, p in signature.items() if p.default is p.empty and name not in arguments]
+    takes = f"it takes {', '.join(signature)}"
+    problems = [f"{name} is not an argument of {kind}{hint}; {takes}" for name, hint in unknown]
+    problems += [f"{name} is missing: {kind} needs it" for name in missing]
     if "path" in arguments:
         arguments["path"] = folder / str(arguments["path"])
-    try:
-        return make(**arguments)
-    except InputError as error:
-        raise InputError([f"[boundary] {p}" for p in error.problems]) from None
-
-
-_BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
-"""Metrics and status: the result, its image on the way to disk, a copy while it is put together."""
-
-_MOST_OF_ANY = 2**32
+    if not problems:
+        with collecting(problems):
+            return make(**arguments)
+    raise InputError([f"[boundary] {problem}" for problem in problems])
 
 
 def require_room(file: StudyFile) -> None:
-    """Refuse a study of more scenarios than this machine can hold the metrics of.
+    """Refuse a study of more scenarios than this machine can hold the metrics of, before any value is made.
 
     Tables that are wrong in another way count as 1; their readers refuse them.
     """
     days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
-    sizes = [
-        *map(axis_size, file.sweep.values()),
-        *map(len, file.cases.values()),
-        design_size(file.sample or {}),
-        len(days),
-        file.run.replicates,
-    ]
-    # each of them has a bound of its own, which is checked elsewhere
+    sizes = [*map(axis_size, file.sweep.values()), *map(len, file.cases.values()), len(days), file.run.replicates]
+    sizes.append(design_size(file.sample or {}))
     n_scenarios = math.prod(min(max(1, size), _MOST_OF_ANY) for size in sizes)
     check_memory(n_scenarios * _BYTES_PER_SCENARIO, n_scenarios)
 
 
-_MOST_LABELS = 10
-
-
 def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
-    """The prices, and the labels with which costs are compared.
+    """The prices, and the label with which costs are compared.
 
-    layout: of the study, None where it could not be planned; the labels are then not checked.
+    layout: of the study, None where it could not be planned; the label is then not checked.
     """
     tariff = tariff_of(table.model_dump(exclude={"baseline"}))
     baseline = dict(table.baseline)
@@ -123,24 +99,20 @@ def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
         raise InputError(f"baseline = {shown(baseline)}: give one dimension and one of its labels")
     problems: list[str] = []
     if layout is not None:
-        named = [f"the costs also have a dimension or number {dim}: rename it" for dim in layout.sizes if dim in TAKEN]
-        problems = named + [p for dim, label in baseline.items() for p in _problems(layout, dim, label)]
+        problems = [
+            f"the costs also have a dimension or number {dim}: rename it" for dim in layout.sizes if dim in TAKEN
+        ]
+        dims = [name for name in layout.loop.sizes if name != "sample"]
+        for dim, label in baseline.items():
+            if dim not in dims:
+                known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
+                problems.append(f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}")
+            elif label not in (labels := layout.coordinates()[dim].values.tolist()):
+                listed = ", ".join(map(str, labels[:_MOST_LABELS]))
+                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {listed}")
     if problems:
         raise InputError(problems)
     return Billing(tariff, baseline)
-
-
-def _problems(layout: Layout, dim: str, label: float | str) -> list[str]:
-    """A sentence if a study does not have a label."""
-    dims = [name for name in layout.loop.sizes if name != "sample"]
-    if dim not in dims:
-        known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
-        return [f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}"]
-    labels = layout.coordinates()[dim].values.tolist()
-    if label not in labels:
-        listed = ", ".join(map(str, labels[:_MOST_LABELS]))
-        return [f"baseline: {dim} has no label {shown(label)}: choose one of {listed}"]
-    return []
 
 
 def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
@@ -158,23 +130,13 @@ def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Bound
             f"holdout = {shown(holdout)}: give days as in [boundary], such as {{ seed = [2, 3] }}, or labels of some "
             "days of it, such as [4, 5]"
         )
-    return plan_tuning(
-        loop,
-        boundary,
-        search=table.search,
-        objective=table.objective,
-        quantile=table.quantile,
-        limits=table.limits,
-        holdout=holdout,
-        evaluations=table.evaluations,
-        warm_up=run.warm_up,
-        seed=run.seed,
-        replicates=run.replicates,
-    )
+    options = table.model_dump(exclude={"holdout"}) | run.model_dump(include={"warm_up", "seed", "replicates"})
+    return plan_tuning(loop, boundary, holdout=holdout, **options)
 
 
 LARGEST_FILE = 2**20
 """Bytes; no study written by hand is larger."""
+Made = TypeVar("Made")
 _NOT_DECISIVE = ("title", "question", "tune", "tariff")
 """Tables on which no scenario depends."""
 _LONGEST_NAME = 200
@@ -254,58 +216,56 @@ def read_study(
     """
     what = "a study file, or make one with `fastcoil init" + (f" {path}`" if len(str(path)) < _LONGEST_NAME else "`")
     text = read_text(path, what, LARGEST_FILE).replace("\r\n", "\n")
-    folder = path.parent if folder is None else folder
     tables = parse_toml(text, str(path))
+    try:
+        return _study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
+    except InputError as error:
+        raise InputError([f"{path}: {problem}" for problem in error.problems]) from None
+
+
+def _study(
+    text: str, tables: dict[str, Any], name: str, folder: Path, prepare: Callable[[str, Source], object] | None
+) -> Study:
     file, problems = parse_tables(tables)
+    run = file.run
     try:
         require_room(file)
-    except InputError as error:
-        raise InputError([f"{path}: {problem}" for problem in problems + error.problems]) from None
-    try:
         file, sources, rules = find_rules(file, folder)
         if prepare is not None:
-            for name, rule in rules.items():
-                rule.adopt(prepare(rule.kind, sources[name]))
+            for rule in rules.values():
+                rule.adopt(prepare(rule.kind, sources[rule.name]))
     except InputError as error:
-        raise InputError([f"{path}: {problem}" for problem in problems + error.problems]) from None
-    loop = boundary = plan = reduction = None
-    from_files: dict[str, Any] = {}
-    with collecting(problems, "[loop] "):
-        from_files = read_includes(file.loop, folder)
-    with collecting(problems):
-        loop = build_loop(file, from_files, rules)
-    with collecting(problems):
-        boundary = build_boundary(file.boundary, folder)
+        raise InputError(problems + error.problems) from None
+
+    def attempt(make: Callable[..., Made], *args: Any, prefix: str = "", **options: Any) -> Made | None:
+        with collecting(problems, prefix):
+            return make(*args, **options)
+        return None
+
+    included = attempt(read_includes, file.loop, folder, prefix="[loop] ") or {}
+    loop = attempt(build_loop, file, included, rules)
+    boundary = attempt(build_boundary, file.boundary, folder)
+    plan = tuning = billing = reduction = None
     if loop is not None and boundary is not None:
-        with collecting(problems):
-            plan = plan_simulation(
-                loop, boundary, **file.run.model_dump(exclude={"reduce", "predict"}), traces_on_disk=True
-            )
-    if file.run.predict and boundary is not None:
-        with collecting(problems, "[run] predict: "):
-            require_one_gap(boundary)
-    tuning = None
-    if file.tune is not None and loop is not None and boundary is not None:
-        with collecting(problems, "[tune] "):
-            tuning = asked_of_tuning(file.tune, file.run, loop, boundary, folder)
-    billing = None
+        options = run.model_dump(exclude={"reduce", "predict"})
+        plan = attempt(plan_simulation, loop, boundary, **options, traces_on_disk=True)
+        if file.tune is not None:
+            tuning = attempt(asked_of_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
+    if run.predict and boundary is not None:
+        attempt(require_one_gap, boundary, prefix="[run] predict: ")
     if file.tariff is not None:
-        with collecting(problems, "[tariff] "):
-            billing = billing_of(file.tariff, None if plan is None else plan.layout)
-    if file.run.reduce is not None:
-        with collecting(problems, "[run] "):
-            reduction = find_source("reduce", file.run.reduce, folder)
-            if prepare is not None:
-                prepare("reduce", reduction)
-        if not file.run.traces:
-            problems.append(
-                f"[run] reduce = {file.run.reduce!r} without traces: list the traces it needs, such as "
-                'traces = ["T_sup"]'
-            )
+        billing = attempt(billing_of, file.tariff, None if plan is None else plan.layout, prefix="[tariff] ")
+    if run.reduce is not None:
+        reduction = attempt(find_source, "reduce", run.reduce, folder, prefix="[run] ")
+        if prepare is not None and reduction is not None:
+            attempt(prepare, "reduce", reduction, prefix="[run] ")
+        if not run.traces:
+            cure = 'list the traces it needs, such as traces = ["T_sup"]'
+            problems.append(f"[run] reduce = {run.reduce!r} without traces: {cure}")
     if problems or plan is None:
-        raise InputError([f"{path}: {problem}" for problem in problems])
+        raise InputError(problems)
     method = file.sample["method"] if file.sample else None
     return Study(
-        text, tables, file.title or path.stem, file.question, plan, folder, method, reduction, from_files, sources,
-        file.run.predict, tuning, billing,
+        text, tables, file.title or name, file.question, plan, folder, method, reduction, included, sources,
+        run.predict, tuning, billing,
     )  # fmt: skip
