@@ -71,6 +71,7 @@ def dead_bands(plain: xr.Dataset) -> list[tuple[dict[Hashable, int], dict[Hashab
 _MOST_GROUPS, _MOST_LABELS = 4, 6
 """Labels of other dims that get sentences of their own; labels that one sentence compares."""
 _GROWN = 1e-4  # fraction of stroke; less is no wear
+_WHOLE = 0.99  # of the scenarios: a run of fewer resumed an earlier one
 
 
 class Billing(NamedTuple):
@@ -83,8 +84,11 @@ class Billing(NamedTuple):
 def cost_lines(ds: xr.Dataset, billing: Billing) -> list[str]:
     """The sentences on the costs of a result with at least one scenario that did not fail."""
     costs, currency = costs_of(ds, billing.tariff), billing.tariff.currency
+    days, years = int(costs["n_days"].sum()), costs.attrs["years"]
+    scaled = "" if abs(years - 1.0) < 1e-6 else f"; scaled from {days:,} day{'s' * (days != 1)} to a year"
+    months = "months of the calendar" if "start" in ds.coords else f"no dates, so {MONTH} days are a month"
+    lines = [f"Cost by [tariff], of coil, demand, reheat and recooling, without fan and pumps ({months}{scaled})."]
     baseline = dict(billing.baseline) or sound(ds)
-    lines = [_basis(costs, ds)]
     if not baseline:
         paid = middle_of(costs["yearly_cost"])
         lines.append(
@@ -92,9 +96,12 @@ def cost_lines(ds: xr.Dataset, billing: Billing) -> list[str]:
             f"{_money(paid.q95)}).  Add loops with backlash = 0 to see what of it the backlash costs."
         )
         return lines + _wear(ds, {})
-    groups = list(_groups(costs, baseline))
-    for name, at in groups if len(groups) <= _MOST_GROUPS else [("", {})]:
-        lines += _compared(ds.sel(at), costs.sel(at), baseline, currency, name)
+    # every combination of the words along other dims
+    dims = [d for d in costs["status"].dims if d not in baseline and costs[d].dtype.kind in "UO"]
+    groups = list(itertools.product(*(costs[d].values for d in dims)))
+    for labels in groups if len(groups) <= _MOST_GROUPS else [()]:
+        at = dict(zip(dims, labels, strict=False))
+        lines += _compared(ds.sel(at), costs.sel(at), baseline, currency, ", ".join(map(str, labels)))
     return lines + _wear(ds, baseline)
 
 
@@ -110,28 +117,14 @@ def sound(ds: xr.Dataset) -> dict[str, Any]:
     return {str(dim): ds[dim].values[at[0]].item()}
 
 
-def _basis(costs: xr.Dataset, ds: xr.Dataset) -> str:
-    """What the year is made of."""
-    days, years = int(costs["n_days"].sum()), costs.attrs["years"]
-    scaled = "" if abs(years - 1.0) < 1e-6 else f"; scaled from {days:,} day{'s' * (days != 1)} to a year"
-    months = "months of the calendar" if "start" in ds.coords else f"no dates, so {MONTH} days are a month"
-    return f"Cost by [tariff], of coil, demand, reheat and recooling, without fan and pumps ({months}{scaled})."
-
-
-def _groups(costs: xr.Dataset, baseline: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every combination of the words along other dims, with its name."""
-    dims = [d for d in costs["status"].dims if d not in baseline and costs[d].dtype.kind in "UO"]
-    for labels in itertools.product(*(costs[d].values for d in dims)):
-        yield ", ".join(map(str, labels)), dict(zip(map(str, dims), labels, strict=True))
-
-
 def _compared(ds: xr.Dataset, costs: xr.Dataset, baseline: dict[str, Any], currency: str, name: str) -> Iterator[str]:
     """What the other labels cost more than the baseline, and what becomes of valve and temperature."""
     ((dim, label),) = baseline.items()
     others = [each for each in costs[dim].values if each != label]
-    shown = others if len(others) <= _MOST_LABELS else [others[k] for k in _spread(len(others))]
+    spread = {round(k) for k in np.linspace(0, len(others) - 1, _MOST_LABELS)}
+    others = [each for k, each in enumerate(others) if len(others) <= _MOST_LABELS or k in spread]
     extra = costs - costs.sel(baseline, drop=True)
-    found = {each: middle_of(extra["yearly_cost"].sel({dim: each})) for each in shown}
+    found = {each: middle_of(extra["yearly_cost"].sel({dim: each})) for each in others}
     base = float(costs["yearly_cost"].sel(baseline).median())
     (first, of_first), *rest = ((_called(dim, each), m.median) for each, m in found.items())
     said = "".join(f", {each} {_more(value)}" for each, value in rest)
@@ -145,19 +138,10 @@ def _compared(ds: xr.Dataset, costs: xr.Dataset, baseline: dict[str, Any], curre
     yield _mechanics(ds, baseline, {dim: worst})
 
 
-def _spread(n: int) -> list[int]:
-    return sorted({round(k) for k in np.linspace(0, n - 1, _MOST_LABELS)})
-
-
 def _detail(extra: xr.Dataset, of: Middle, name: str, currency: str) -> str:
     """Where the money of the dearest label goes, and how it differs between valves."""
-    parts = {
-        word: float(extra[f"yearly_{part}"].mean())
-        for word, part in (
-            ("coil", "coil_cost"), ("demand", "demand_cost"), ("reheat", "reheat_cost"), ("recooling", "recool_cost")
-        )
-    }  # fmt: skip
-    listed = ", ".join(f"{word} {_signed(value)}" for word, value in parts.items())
+    parts = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
+    listed = ", ".join(f"{word} {_signed(float(extra[f'yearly_{part}'].mean()))}" for word, part in parts.items())
     sure = "" if np.isnan(of.low) else f"; the median lies between {_signed(of.low)} and {_signed(of.high)}, 95 % sure"
     return (
         f"With {name}, 5 to 95 % of the loops: {_signed(of.q05)} to {_signed(of.q95)} {currency} a year{sure}.  "
@@ -169,8 +153,8 @@ def _mechanics(ds: xr.Dataset, baseline: dict[str, Any], other: dict[str, Any]) 
     """Time off the set-point and travel of the motor of one label beside the baseline."""
     good = ds[["share_off", "motor_travel"]].where(ds["status"] == STATUS_OK)
     off, travel = (good[name].mean("day") if "day" in good[name].dims else good[name] for name in good)
-    now, before = (100.0 * float(off.sel(at).median()) for at in ({**baseline, **other}, baseline))
-    ratio = float((travel.sel({**baseline, **other}) / travel.sel(baseline, drop=True)).median())
+    now, before = (100.0 * float(off.sel(at).median()) for at in (other, baseline))
+    ratio = float((travel.sel(other) / travel.sel(baseline, drop=True)).median())
     moved = f", and its motor travels {ratio:.1f} times as far" if np.isfinite(ratio) else ""
     off_it = f"{now:.1f} % of the time instead of {before:.1f} %, mean of the days"
     return f"Its air is more than 0.5 K off the set-point {off_it}{moved}."
@@ -181,20 +165,16 @@ def _wear(ds: xr.Dataset, baseline: dict[str, Any]) -> list[str]:
     if not ds.attrs.get("carry_over") or "backlash_final" not in ds or "day" not in ds["backlash_final"].dims:
         return []
     gap = ds["backlash_final"].where(ds["status"] == STATUS_OK)
-    partners = float((gap if not baseline else gap.sel(baseline)).isel(day=-1).median())
-    sound_once = baseline == sound(ds) and bool(baseline)
-    for dim, label in baseline.items():
-        gap = gap.sel({dim: [each for each in gap[dim].values if each != label]})
+    partners = float(gap.sel(baseline).isel(day=-1).median())
+    gap = gap.drop_sel(baseline)
     first, last = 100.0 * gap.isel(day=0), 100.0 * gap.isel(day=-1)
     if not bool((last - first > 100.0 * _GROWN).any()):
         return []
-    grown = middle_of(last - first)
-    before, after = float(first.median()), float(last.median())
     lines = [
-        f"From the first day to the last the gap grows from {before:.2f} to {after:.2f} % of stroke (medians); by "
-        f"more than {grown.q95:.2f} % of stroke in 5 % of the loops."
+        f"From the first day to the last the gap grows from {float(first.median()):.2f} to {float(last.median()):.2f} "
+        f"% of stroke (medians); by more than {middle_of(last - first).q95:.2f} % of stroke in 5 % of the loops."
     ]
-    if sound_once and partners > _GROWN:
+    if baseline and baseline == sound(ds) and partners > _GROWN:
         lines.append(f"The loops without a gap wear, too: {100.0 * partners:.2f} % in the end (median).")
     return lines
 
@@ -206,8 +186,7 @@ def _called(dim: str, label: object) -> str:
 
 
 def _more(value: float, currency: str = "") -> str:
-    """How much more or less."""
-    return f"{_money(abs(value))}{' ' * bool(currency)}{currency} {'less' if value < 0.0 else 'more'}"
+    return f"{f'{_money(abs(value))} {currency}'.rstrip()} {'less' if value < 0.0 else 'more'}"
 
 
 def _signed(value: float) -> str:
@@ -219,21 +198,17 @@ def _money(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}" if abs(value) >= 0.005 else "0"
 
 
-_WHOLE = 0.99  # of the scenarios: a run of fewer resumed an earlier one
-
-
 def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """Return a few lines: how much was run, how fast, and the answer; with ``billing`` also what it costs."""
     n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
     sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
     if "wall_time_s" in ds.attrs:
-        backend, one = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"] == 1
-        workers = "thread" if backend == "threads" else f"{backend} worker"
-        workers += "" if one else "s"
+        backend, n_jobs = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"]
+        workers = ("thread" if backend == "threads" else f"{backend} worker") + ("" if n_jobs == 1 else "s")
         seconds, rate = ds.attrs["wall_time_s"], ds.attrs["scenario_days_per_s"]
         resumed = ", the last of them" if seconds * rate < _WHOLE * n else ""
-        lines[-1] += f"{resumed} in {seconds:.1f} s on {ds.attrs['n_jobs']} {workers}: {rate:,.0f} scenario-days/s"
+        lines[-1] += f"{resumed} in {seconds:.1f} s on {n_jobs} {workers}: {rate:,.0f} scenario-days/s"
     if failed:
         lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
     return lines if failed == n else lines + cautions(ds) + findings(ds, billing)
@@ -241,44 +216,34 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
 
 def cautions(ds: xr.Dataset) -> list[str]:
     """What is odd about results of which not everything failed: days off, set-points not held, frost."""
-    return _idle(ds) + _off(ds) + _frozen(ds)
+    lines, size = [], f"{ds['status'].size:,}"
+    if "rmse" in ds and (n := int((ds["rmse"].isnull() & (ds["status"] == STATUS_OK)).sum())):
+        lines.append(f"In {n:,} of {size} the loop was off all day: they have no RMSE, and count in no median of it.")
+    off = ds["share_off"] > 0.5 if "share_off" in ds else xr.DataArray(False)
+    if bool(off.any()):
+        hunts = int((off & (ds["hunts"] > 0.0)).sum()) if "hunts" in ds else 0
+        lines.append(
+            f"{int(off.sum()):,} of {size} are more than 0.5 K off their set-point for over half of the time, "
+            f"{hunts:,} of them hunting: no opening may hold it, or the gains do not suit the coil (see fastcoil "
+            "explain)."
+        )
+    # earlier versions have no such metrics
+    for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
+        hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
+        if (hours > 0.0).any():
+            lines.append(
+                f"{what} in {int((hours > 0.0).sum()):,} of {size} scenario-days, for up to {np.nanmax(hours):.1f} h; "
+                "it is reported, not simulated."
+            )
+    return lines
 
 
 def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """The answer of results of which not everything failed, with ``billing`` also its costs: a sentence a line."""
     lines = _predicted(ds)
-    costs = [] if billing is None else cost_lines(ds, billing)
     ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds["status"])), None)
-    if ratio and bool((ds[ratio] == 0.0).any()):
-        return lines + _against_plain_pi(ds, ratio) + costs
-    return lines + _extremes(ds) + costs
-
-
-def _idle(ds: xr.Dataset) -> list[str]:
-    """Days without a second that counts: they have no metrics of control, and are in no median."""
-    if "rmse" not in ds:
-        return []
-    n = int((ds["rmse"].isnull() & (ds["status"] == STATUS_OK)).sum())
-    if not n:
-        return []
-    return [
-        f"In {n:,} of {ds['status'].size:,} the loop was off all day: they have no RMSE, and count in no median of it."
-    ]
-
-
-def _off(ds: xr.Dataset) -> list[str]:
-    """Scenarios that hardly ever hold their set-point, which no mean shows."""
-    if "share_off" not in ds:
-        return []
-    off = ds["share_off"] > 0.5
-    n = int(off.sum())
-    if not n:
-        return []
-    hunts = int((off & (ds["hunts"] > 0.0)).sum()) if "hunts" in ds else 0
-    return [
-        f"{n:,} of {off.size:,} are more than 0.5 K off their set-point for over half of the time, "
-        f"{hunts:,} of them hunting: no opening may hold it, or the gains do not suit the coil (see fastcoil explain)."
-    ]
+    lines += _against_plain_pi(ds, ratio) if ratio and bool((ds[ratio] == 0.0).any()) else _extremes(ds)
+    return lines if billing is None else lines + cost_lines(ds, billing)
 
 
 def _predicted(ds: xr.Dataset) -> list[str]:
@@ -290,30 +255,12 @@ def _predicted(ds: xr.Dataset) -> list[str]:
     if not n:
         return ["Hunting: theory says nothing about these loops."]
     predicted, seen = (ds[name].where(known) > 0.0 for name in ("predicted_hunts", "hunts"))
-    agree = float((predicted == seen).where(known).mean())
+    agree = 100.0 * float((predicted == seen).where(known).mean())
+    cut = agree if agree in (0.0, 100.0) else min(agree, 99.9)  # 100 only if nothing is missing
     return [
         f"Hunting: predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
-        f"{_cut(agree)} % agree."
+        f"{cut:.1f} % agree."
     ]
-
-
-def _frozen(ds: xr.Dataset) -> list[str]:
-    """Days with frost, and with ice, if there are any; earlier versions have no such metrics."""
-    lines = []
-    for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
-        hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
-        n = int((hours > 0.0).sum())
-        if n:
-            lines.append(
-                f"{what} in {n:,} of {hours.size:,} scenario-days, for up to {np.nanmax(hours):.1f} h; "
-                "it is reported, not simulated."
-            )
-    return lines
-
-
-def _cut(share: float) -> str:
-    """Per cent with one decimal; 100 only if nothing is missing."""
-    return f"{min(share, 1.0) * 100:.1f}" if share in (0.0, 1.0) else f"{min(share * 100, 99.9):.1f}"
 
 
 def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
@@ -324,67 +271,64 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
         ds = ds.where(ds["backlash"] > 0.0)
     with_dead_bands, ds = ds, without_dead_band(ds)
     others = [d for d in ds["rmse"].dims if d != ratio]
-    plain = ds["rmse"].sel({ratio: 0.0})
-    relative = ds["rmse"] / plain
-    middle = relative.median(others)
-    best = float(middle.idxmin(ratio))
-    better = _share(ds["rmse"].sel({ratio: best}) < plain, plain)
-    lines = [
-        f"Lowest error at {name} {best:g}: RMSE is {_percent(middle.sel({ratio: best}) - 1)} against the plain PI "
-        f"(median), and lower in {100 * better:.0f} % of the loops."
-    ]
-    settled = ds["rmse_settled"].sel({ratio: 0.0})
-    if settled.notnull().any():
-        change = (ds["rmse_settled"].sel({ratio: best}) / settled).where(settled > 0.0).median()
-        lines.append(f"Settled, away from set-point steps: {_percent(change - 1)} (median).")
-    switches = ds["switch_frequency"].median(others)
-    at_most = switches.where(switches[ratio] <= (1.0 if ratio == "estimate_ratio" else best)).max()
-    last = ds[ratio].values[-1]
-    lines.append(
-        f"Mode switches per 10 min (median): {float(switches.sel({ratio: 0.0})):.1f} with the plain PI, "
-        f"at most {float(at_most):.1f} up to {name} {1.0 if ratio == 'estimate_ratio' else best:g}, "
-        f"{float(switches.sel({ratio: last})):.1f} at {last:g}."
-    )
-    travel = (ds["motor_travel"].sel({ratio: best}) / ds["motor_travel"].sel({ratio: 0.0})).median()
-    lines.append(f"The motor then travels {float(travel):.1f} times as far as with the plain PI (median).")
-    if ratio == "estimate_ratio" and last > 1.0:
-        worse = _share(ds["rmse"].sel({ratio: last}) > ds["rmse"].sel({ratio: 1.0}, method="nearest"), plain)
-        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {100 * worse:.0f} % of the loops.")
-    return lines + _against_best_pi(ds, ratio, best) + _against_dead_bands(with_dead_bands, ratio, best)
-
-
-def _against_best_pi(ds: xr.Dataset, ratio: str, best: float) -> list[str]:
-    """The best plain PI of the tunings against the others, and the inverse against it."""
+    middle = (ds["rmse"] / ds["rmse"].sel({ratio: 0.0})).median(others)
+    best, last = float(middle.idxmin(ratio)), ds[ratio].values[-1]
     plain, inverse = ds.sel({ratio: 0.0}, drop=True), ds.sel({ratio: best}, drop=True)
+    better = _share(inverse["rmse"] < plain["rmse"], plain)
+    lines = [
+        f"Lowest error at {name} {best:g}: RMSE is {_percent(middle.sel({ratio: best}))} against the plain PI "
+        f"(median), and lower in {better} of the loops."
+    ]
+    settled = plain["rmse_settled"]
+    if settled.notnull().any():
+        change = (inverse["rmse_settled"] / settled).where(settled > 0.0).median()
+        lines.append(f"Settled, away from set-point steps: {_percent(change)} (median).")
+    switches = ds["switch_frequency"].median(others)
+    limit = 1.0 if ratio == "estimate_ratio" else best
+    at_most = switches.where(switches[ratio] <= limit).max()
+    travel = (inverse["motor_travel"] / plain["motor_travel"]).median()
+    lines += [
+        f"Mode switches per 10 min (median): {float(switches.sel({ratio: 0.0})):.1f} with the plain PI, "
+        f"at most {float(at_most):.1f} up to {name} {limit:g}, {float(switches.sel({ratio: last})):.1f} at {last:g}.",
+        f"The motor then travels {float(travel):.1f} times as far as with the plain PI (median).",
+    ]
+    if ratio == "estimate_ratio" and last > 1.0:
+        exact = ds["rmse"].sel({ratio: 1.0}, method="nearest")
+        worse = _share(ds["rmse"].sel({ratio: last}) > exact, plain)
+        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {worse} of the loops.")
+    at_zero, at_best = (with_dead_bands.sel({ratio: x}, drop=True) for x in (0.0, best))
+    return lines + _against_best_pi(plain, inverse) + list(_against_dead_bands(at_zero, at_best))
+
+
+def _against_best_pi(plain: xr.Dataset, inverse: xr.Dataset) -> list[str]:
+    """The best plain PI of the tunings against the others, and the inverse against it."""
     at = best_plain_pi(plain)
     if at is None:
         return []
     chosen = plain["rmse"].isel(at, drop=True)
     n = int((plain["rmse"].count([d for d in plain["rmse"].dims if d not in at]) > 0).sum())
-    alone = _percent((chosen / plain["rmse"]).median() - 1)
-    lower = _share(inverse["rmse"] < chosen, plain["rmse"])
-    with_it = _percent((inverse["rmse"].isel(at, drop=True) / chosen).median() - 1)
+    lower = _share(inverse["rmse"] < chosen, plain)
     travel = float((inverse["motor_travel"] / plain["motor_travel"]).isel(at, drop=True).median())
+    alone = _percent((chosen / plain["rmse"]).median())
+    with_it = _percent((inverse["rmse"].isel(at, drop=True) / chosen).median())
     return [
-        f"The best plain PI of {n} tunings ({_label(ds, at)}): RMSE is {alone} than with the plain PI of the same loop "
-        f"(median); the inverse is lower than that in {100 * lower:.0f} % of the loops.",
+        f"The best plain PI of {n} tunings ({_label(plain, at)}): RMSE is {alone} than with the plain PI of the same loop "
+        f"(median); the inverse is lower than that in {lower} of the loops.",
         f"An inverse on top of the best plain PI: RMSE is {with_it} (median), at {travel:.1f} times the motor travel.",
     ]
 
 
-def _against_dead_bands(ds: xr.Dataset, ratio: str, best: float) -> list[str]:
+def _against_dead_bands(plain: xr.Dataset, inverse: xr.Dataset) -> Iterator[str]:
     """Plain PIs with an error dead band against the same without, and against the inverse without."""
-    plain, inverse, lines = ds.sel({ratio: 0.0}, drop=True), ds.sel({ratio: best}, drop=True), []
     for at, partner in dead_bands(plain):
         banded, own = plain.isel(at, drop=True), plain.isel(partner, drop=True)
-        error, travel = (float((banded[m] / own[m]).median()) for m in ("rmse", "motor_travel"))
-        gain = (inverse["rmse"].isel(partner, drop=True) / banded["rmse"]).median() - 1
-        lines.append(
-            f"An error dead band of {float(plain['error_dead_band'].isel(at)):g} K ({_label(ds, at)}): RMSE is "
-            f"{_percent(error - 1)} than without it, at {travel:.2f} times the motor travel (median); with "
+        error, travel = ((banded[m] / own[m]).median() for m in ("rmse", "motor_travel"))
+        gain = (inverse["rmse"].isel(partner, drop=True) / banded["rmse"]).median()
+        yield (
+            f"An error dead band of {float(plain['error_dead_band'].isel(at)):g} K ({_label(plain, at)}): RMSE is "
+            f"{_percent(error)} than without it, at {float(travel):.2f} times the motor travel (median); with "
             f"the inverse instead it is {_percent(gain)} than with the dead band."
         )
-    return lines
 
 
 def _label(ds: xr.Dataset, at: Mapping[Hashable, int]) -> str:
@@ -393,23 +337,23 @@ def _label(ds: xr.Dataset, at: Mapping[Hashable, int]) -> str:
     return ", ".join(str(v) if isinstance(v, str) else f"{d} = {v:g}" for d, v in labels.items())
 
 
-def _share(holds: xr.DataArray, valid: xr.DataArray) -> float:
-    """Share of the valid loops in which the condition holds."""
-    return float(holds.where(valid.notnull()).mean())
+def _share(holds: xr.DataArray, plain: xr.Dataset) -> str:
+    """In how many of the loops that have a plain PI the condition holds."""
+    return f"{100 * float(holds.where(plain['rmse'].notnull()).mean()):.0f} %"
 
 
 def _extremes(ds: xr.Dataset) -> list[str]:
     rmse = ds["rmse"]
-    flat = rmse.values.ravel()
-    lines = [f"RMSE from {np.nanmin(flat):.3g} to {np.nanmax(flat):.3g} K, median {np.nanmedian(flat):.3g} K."]
+    low, middle, high = (float(f(rmse.values)) for f in (np.nanmin, np.nanmedian, np.nanmax))
+    lines = [f"RMSE from {low:.3g} to {high:.3g} K, median {middle:.3g} K."]
     for dim in numeric_dims(ds["status"]):
-        middle = rmse.median([d for d in rmse.dims if d != dim])
+        along = rmse.median([d for d in rmse.dims if d != dim])
         lines.append(
-            f"Along {dim} the median RMSE is lowest at {float(middle.idxmin(dim)):g}: {float(middle.min()):.3g} K."
+            f"Along {dim} the median RMSE is lowest at {float(along.idxmin(dim)):g}: {float(along.min()):.3g} K."
         )
     return lines
 
 
-def _percent(change: xr.DataArray | float) -> str:
-    value = 100.0 * float(change)
+def _percent(ratio: xr.DataArray) -> str:
+    value = 100.0 * float(ratio - 1)
     return f"{abs(value):.0f} % {'lower' if value < 0.0 else 'higher'}"

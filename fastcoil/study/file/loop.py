@@ -37,36 +37,28 @@ def read_includes(loop: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     origin: dict[str, str] = {}
     problems: list[str] = []
     for name in names:
-        try:
+        parameters: dict[str, Any] = {}
+        with collecting(problems, "include: "):
             parameters = _read_parameters(folder / name, name)
-        except InputError as error:
-            problems += error.problems
-            continue
-        problems += [
-            f"include: {n} appears in {origin[n]} and in {name}: leave one out" for n in parameters if n in origin
-        ]
+        twice = [n for n in parameters if n in origin]
+        problems += [f"include: {n} appears in {origin[n]} and in {name}: leave one out" for n in twice]
         found |= parameters
-        origin |= {n: name for n in parameters}
+        origin.update((n, name) for n in parameters)
     if problems:
         raise InputError(problems)
     return found
 
 
 def _read_parameters(path: Path, name: str) -> dict[str, Any]:
-    try:
-        tables = parse_toml(read_text(path, _WHAT, _LARGEST), name)
-    except InputError as error:
-        raise InputError([f"include: {problem}" for problem in error.problems]) from None
+    tables = parse_toml(read_text(path, _WHAT, _LARGEST), name)
     loop = tables.get("loop")
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
-        raise InputError(
-            f"include: {name} is no file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]"
-        )
+        raise InputError(f"{name} is no file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]")
     problems: list[str] = []
     known = known_parameters(loop, problems)
-    problems += [p for p in (PARAMETERS[key].problem(value) for key, value in known.items()) if p]
+    problems += [problem for problem in (PARAMETERS[n].problem(value) for n, value in known.items()) if problem]
     if problems:
-        raise InputError([f"include: {name}: {problem}" for problem in problems])
+        raise InputError([f"{name}: {problem}" for problem in problems])
     return loop
 
 
@@ -84,23 +76,20 @@ def build_loop(
 
     rules: the study's own, by the names that stand for them in the tables.
     """
-    problems: list[str] = []
-    constants = dict(file.loop)
-    preset = str(constants.pop("preset", "paper_like"))
-    constants.pop("include", None)
-    given = list(constants)
-    with collecting(problems, "[loop] "):
-        constants = expanded(constants)
-    constants.pop(WORD, None)
-    standing = {n: f"[loop] as part of {WORD}" for n in constants if n not in given}
-    own = {} if rules is None else rules
-    known = table_of(own)
-    constants = known_parameters(constants, problems, "[loop] ", known)
     if len(file.cases) > _MOST_DIMS:
         raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MOST_DIMS}, each is a dimension")
-    loop, axes = knowing(Loop(), own.values()), {}
+    problems: list[str] = []
+    own = rules or {}
+    known = table_of(own)
+    given = {name: value for name, value in file.loop.items() if name not in ("preset", "include")}
+    constants = given
     with collecting(problems, "[loop] "):
-        loop = knowing(Loop.preset(preset), own.values()).assign(**(included or {}))
+        constants = expanded(given)
+    standing = {n: "[loop]" if n in given else f"[loop] as part of {WORD}" for n in constants if n != WORD}
+    constants = known_parameters({n: constants[n] for n in standing}, problems, "[loop] ", known)
+    loop = knowing(Loop(), own.values())
+    with collecting(problems, "[loop] "):
+        loop = knowing(Loop.preset(str(file.loop.get("preset", "paper_like"))), own.values()).assign(**(included or {}))
     valve = _valve_of_several_tables(file)
     if valve:
         # any installed valve, so that each table can change its part of it
@@ -109,12 +98,13 @@ def build_loop(
         problems += [f"{', '.join(INSTALLED_VALVE)} go together: {n} is missing, give it too" for n in missing]
     with collecting(problems, "[loop] "):
         loop = loop.assign(**constants)
+    axes = {}
     for name, axis in known_parameters(file.sweep, problems, "[sweep] ", known).items():
         with collecting(problems, "[sweep] "):
             axes[name] = axis_values(name, axis)
     with collecting(problems, "[sweep] "):
         loop = loop.assign(**axes)
-    problems += _find_repeated(file, dict.fromkeys(constants, "[loop]") | standing)
+    problems += _find_repeated(file, standing)
     for dim, cases in file.cases.items():
         with collecting(problems, f"[cases.{dim}] "):
             loop = loop.assign(**_zip_cases(dim, cases, loop, valve - constants.keys()))
@@ -136,7 +126,7 @@ def _find_repeated(file: StudyFile, constants: Mapping[str, str]) -> list[str]:
     taken: dict[str, str] = {}
     for place, names in places.items():
         # a case may differ from the constant that holds for the others
-        before = taken if place.startswith("[cases") else taken | dict(constants)
+        before = taken if place.startswith("[cases") else {**taken, **constants}
         problems += [f"{n} appears in {before[n]} and in {place}: leave one out" for n in names if n in before]
         taken |= dict.fromkeys(names, place)
     return problems
@@ -159,34 +149,35 @@ def axis_values(name: str, axis: object) -> list[Any]:
     """Values of a swept axis: a list, ``{ linspace = [first, last, count] }`` or ``{ geomspace = […] }``."""
     if isinstance(axis, list):
         return axis
-    kind = next(iter(axis), None) if isinstance(axis, dict) and len(axis) == 1 else None
-    if kind not in _SPACINGS or not isinstance(axis, dict):
+    kind, spacing = _spacing_of(axis)
+    if kind not in _SPACINGS:
+        kinds = "{ linspace = [first, last, count] } or { geomspace = [first, last, count] }"
+        raise InputError(f"{name} = {shown(axis)}: give a list of values, {kinds}")
+    if not _is_spacing(spacing):
         raise InputError(
-            f"{name} = {shown(axis)}: give a list of values, {{ linspace = [first, last, count] }} "
-            "or { geomspace = [first, last, count] }"
-        )
-    spec = axis[kind]
-    if not _is_spacing(spec):
-        raise InputError(
-            f"{name} = {{ {kind} = {shown(spec)} }}: give [first, last, count], two finite numbers and a whole "
+            f"{name} = {{ {kind} = {shown(spacing)} }}: give [first, last, count], two finite numbers and a whole "
             f"number from 1 to {LONGEST_AXIS:,}; draw more with [sample]"
         )
-    if kind == "geomspace" and min(spec[:2]) <= 0.0:
-        raise InputError(f"{name} = {{ geomspace = {shown(spec)} }}: first and last must be above 0")
-    first, last, count = spec
+    first, last, count = spacing
+    if kind == "geomspace" and min(first, last) <= 0.0:
+        raise InputError(f"{name} = {{ geomspace = {shown(spacing)} }}: first and last must be above 0")
     return list(_SPACINGS[kind](float(first), float(last), count).tolist())
 
 
 def axis_size(axis: object) -> int:
     """Number of values of a swept axis; 1 if it is wrong."""
-    if isinstance(axis, dict) and len(axis) == 1:
-        ((kind, spec),) = axis.items()
-        return int(spec[2]) if kind in _SPACINGS and _is_spacing(spec) else 1
-    return len(axis) if isinstance(axis, list) else 1
+    if isinstance(axis, list):
+        return len(axis)
+    kind, spacing = _spacing_of(axis)
+    return int(spacing[2]) if kind in _SPACINGS and _is_spacing(spacing) else 1
 
 
-def _is_spacing(spec: Any) -> bool:
-    return are_numbers(spec, 3) and type(spec[2]) is int and 1 <= spec[2] <= LONGEST_AXIS
+def _spacing_of(axis: object) -> tuple[str, Any]:
+    return next(iter(axis.items())) if isinstance(axis, dict) and len(axis) == 1 else ("", None)
+
+
+def _is_spacing(spacing: Any) -> bool:
+    return are_numbers(spacing, 3) and type(spacing[2]) is int and 1 <= spacing[2] <= LONGEST_AXIS
 
 
 def _zip_cases(
@@ -195,12 +186,9 @@ def _zip_cases(
     """Put the parameters of named cases along ``dim``; a case may leave out what the loop gives, unless ``unset``."""
     if not cases:
         raise InputError("no case: give at least one, such as fast = { kp = 0.05, ti = 5 }")
-    if dim in loop.parameters:
-        raise InputError(f"{dim} is a parameter: give the dimension another name, such as tuning or controller")
-    if dim in (SAMPLE_DIM, DESIGN_DIM):
-        raise InputError(
-            f"{dim} is the dimension of [sample]: give this one another name, such as tuning or controller"
-        )
+    if dim in loop.parameters or dim in (SAMPLE_DIM, DESIGN_DIM):
+        what = "a parameter" if dim in loop.parameters else "the dimension of [sample]"
+        raise InputError(f"{dim} is {what}: give the dimension another name, such as tuning or controller")
     zipped: dict[str, xr.DataArray] = {}
     problems: list[str] = []
     for name in known_parameters(dict.fromkeys(_case_names(cases)), problems, known=loop.parameters):
@@ -211,13 +199,12 @@ def _zip_cases(
             problems.append(f"{name} is missing in {', '.join(without[:_MOST_NAMED])}{more}: give it in every case")
             continue
         values = [case.get(name, default) for case in cases.values()]
-        wrong = first_of([p for p in map(loop.parameters[name].problem, values) if p])
-        if wrong:
-            problems += wrong
-            continue
-        zipped[name] = xr.DataArray(values, dims=dim, coords={dim: list(cases)})
+        wrong = first_of([problem for value in values if (problem := loop.parameters[name].problem(value))])
+        problems += wrong
+        if not wrong:
+            zipped[name] = xr.DataArray(values, dims=dim, coords={dim: list(cases)})
+    if not zipped and not problems:
+        problems.append("its cases are empty: give each the parameters that make it differ")
     if problems:
         raise InputError(problems)
-    if not zipped:
-        raise InputError("its cases are empty: give each the parameters that make it differ")
     return zipped

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -33,18 +32,12 @@ _SMALLEST_SHARE = 2.0**-32
 """A coordinate of the unit cube may be 0 or round to it; half a cell of the Sobol lattice is the least one used."""
 
 
-@dataclass(frozen=True)
-class Distribution:
+class Distribution(NamedTuple):
     """A continuous distribution: the names of its arguments, what is wrong with them, and how scipy.stats makes it."""
 
     arguments: tuple[str, ...]
     problem: Callable[..., str | None]
     make: Callable[..., Any]
-
-    @property
-    def signature(self) -> str:
-        """The arguments as a study file gives them."""
-        return f"[{', '.join(self.arguments)}]"
 
 
 def _order(low: float, high: float) -> str | None:
@@ -119,77 +112,75 @@ def sample_values(table: Mapping[str, Any], known: Mapping[str, Parameter] = PAR
         raise InputError(problems)
     method, both = table["method"], table["method"] == SALTELLI
     points = _points(method, table["size"], len(names) * (2 if both else 1), table.get("seed", 0))
-    values = {name: _quantiles(table[name], points[:, k]) for k, name in enumerate(names)}
+    of_A = {name: _quantiles(table[name], points[:, k]) for k, name in enumerate(names)}
     if not both:
-        return {name: xr.DataArray(v, dims=SAMPLE_DIM) for name, v in values.items()}
-    others = {name: _quantiles(table[name], points[:, len(names) + k]) for k, name in enumerate(names)}
+        return {name: xr.DataArray(values, dims=SAMPLE_DIM) for name, values in of_A.items()}
+    of_B = {name: _quantiles(table[name], points[:, len(names) + k]) for k, name in enumerate(names)}
     labels = ["A", "B", *names]
-    return {
-        name: xr.DataArray(
-            np.stack([others[name] if label in ("B", name) else values[name] for label in labels], axis=-1),
-            dims=(SAMPLE_DIM, DESIGN_DIM),
-            coords={DESIGN_DIM: labels},
+    found = {}
+    for name in names:
+        columns = [of_B[name] if label in ("B", name) else of_A[name] for label in labels]
+        found[name] = xr.DataArray(
+            np.stack(columns, axis=-1), dims=(SAMPLE_DIM, DESIGN_DIM), coords={DESIGN_DIM: labels}
         )
-        for name in names
-    }
+    return found
 
 
 def _find_setting_problems(table: Mapping[str, Any]) -> list[str]:
-    problems = [
-        f"{name} is missing: give {what}"
-        for name, what in (("method", f"one of {', '.join(METHODS)}"), ("size", "the number of samples"))
-        if name not in table
-    ]
-    method = table.get("method", METHODS[0])
-    if not isinstance(method, str) or method not in METHODS:
-        problems.append(
-            f"method = {shown(method)}: unknown{nearest(str(method), METHODS)}; choose one of {', '.join(METHODS)}"
-        )
-    size = table.get("size", 1)
+    needed = {"method": f"one of {', '.join(METHODS)}", "size": "the number of samples"}
+    problems = [f"{name} is missing: give {what}" for name, what in needed.items() if name not in table]
+    method, size = table.get("method", METHODS[0]), table.get("size", 1)
+    if method not in METHODS:
+        hint = nearest(str(method), METHODS)
+        problems.append(f"method = {shown(method)}: unknown{hint}; choose one of {', '.join(METHODS)}")
     wrong = whole_number_problems("size", size, 1, LARGEST_SAMPLE)
     if not wrong and method in POWERS_OF_TWO and size & (size - 1):
         below = 1 << (size.bit_length() - 1)
-        fitting = [str(power) for power in (below, 2 * below) if power <= LARGEST_SAMPLE]
-        wrong = [f"size = {size}: a Sobol design is even only in powers of two, give {' or '.join(fitting)}"]
+        fitting = " or ".join(str(power) for power in (below, 2 * below) if power <= LARGEST_SAMPLE)
+        wrong = [f"size = {size}: a Sobol design is even only in powers of two, give {fitting}"]
     return problems + wrong + whole_number_problems("seed", table.get("seed", 0), *RUN_LIMITS["seed"])
 
 
 def _check_shape(parameter: Parameter, shape: object) -> None:
     """Refuse anything but a distribution for ``parameter``; the loop checks its bounds."""
-    name, known = parameter.name, ", ".join((*DISTRIBUTIONS, CHOICE))
-    kind = next(iter(shape)) if isinstance(shape, dict) and len(shape) == 1 else None
-    if not isinstance(shape, dict) or kind is None:
+    name, known = parameter.name, (*DISTRIBUTIONS, CHOICE)
+    if not isinstance(shape, dict) or len(shape) != 1:
         raise InputError(
-            f"{name} = {shown(shape)}: give one distribution, such as {{ uniform = [lowest, highest] }}; known: {known}"
+            f"{name} = {shown(shape)}: give one distribution, such as {{ uniform = [lowest, highest] }}; "
+            f"known: {', '.join(known)}"
         )
-    arguments, given = shape[kind], f"{name} = {{ {kind} = {shown(shape[kind])} }}"
+    ((kind, arguments),) = shape.items()
+    problem = None
     if kind == CHOICE:
-        _check_choice(parameter, arguments, given)
-        return
-    if kind not in DISTRIBUTIONS:
-        raise InputError(f"{given}: unknown distribution{nearest(kind, (*DISTRIBUTIONS, CHOICE))}; known: {known}")
-    if parameter.is_word or parameter.whole:
+        if not isinstance(arguments, list) or not arguments:
+            problem = "give a list of at least one value"
+        else:
+            _check_choice(parameter, arguments)
+    elif kind not in DISTRIBUTIONS:
+        problem = f"unknown distribution{nearest(kind, known)}; known: {', '.join(known)}"
+    elif parameter.is_word or parameter.whole:
+        values = ", ".join(f'"{word}"' for word in parameter.choices) if parameter.is_word else "…"
         what = "a word" if parameter.is_word else "a whole number"
-        values = "[" + ", ".join(f'"{c}"' for c in parameter.choices) + "]" if parameter.is_word else "[…]"
-        raise InputError(f"{given}: {name} is {what}, use {{ choice = {values} }}")
-    distribution = DISTRIBUTIONS[kind]
-    if not are_numbers(arguments, len(distribution.arguments)):
-        raise InputError(f"{given}: give {distribution.signature}, {len(distribution.arguments)} finite numbers")
-    problem = distribution.problem(*arguments)
+        problem = f"{name} is {what}, use {{ choice = [{values}] }}"
+    else:
+        names, problem_of, _ = DISTRIBUTIONS[kind]
+        signature = f"give [{', '.join(names)}]"
+        if not are_numbers(arguments, len(names)):
+            problem = f"{signature}, {len(names)} finite numbers"
+        elif wrong := problem_of(*arguments):
+            problem = f"{wrong}, {signature}"
     if problem:
-        raise InputError(f"{given}: {problem}, give {distribution.signature}")
+        raise InputError(f"{name} = {{ {kind} = {shown(arguments)} }}: {problem}")
 
 
-def _check_choice(parameter: Parameter, values: object, given: str) -> None:
-    if not isinstance(values, list) or not values:
-        raise InputError(f"{given}: give a list of at least one value")
-    problems = first_of([p for p in map(parameter.problem, values) if p])
+def _check_choice(parameter: Parameter, values: list[Any]) -> None:
+    problems = [problem for value in values if (problem := parameter.problem(value))]
     if not problems:
-        problems = first_of(
-            [f"{given}: {v} appears twice, leave one out" for v, count in Counter(values).items() if count > 1]
-        )
+        twice = [value for value, count in Counter(values).items() if count > 1]
+        given = f"{parameter.name} = {{ {CHOICE} = {shown(values)} }}"
+        problems = [f"{given}: {value} appears twice, leave one out" for value in twice]
     if problems:
-        raise InputError(problems)
+        raise InputError(first_of(problems))
 
 
 def _points(method: str, size: int, dims: int, seed: int) -> np.ndarray:
