@@ -7,7 +7,7 @@ pair says more than two means with their spread.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,67 +55,54 @@ class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
             raise InputError("to_table needs all statistics of the comparison: call it before .sel(statistic=...)")
         if "level" not in self.attrs:
             raise InputError("to_table needs the attributes of the comparison: call it on what compare returned")
-        metrics = [str(name) for name, variable in self.data_vars.items() if "statistic" in variable.dims]
-        dims = [str(d) for d in self.dims if d != "statistic" and any(d in self[m].dims for m in metrics)]
+        compared = {str(name): variable for name, variable in self.data_vars.items() if "statistic" in variable.dims}
+        dims = [str(d) for d in self.dims if d != "statistic" and any(d in v.dims for v in compared.values())]
+        baseline = ast.literal_eval(self.attrs["baseline"])
         rows, index = [], []
-        for metric in metrics:
-            if not (self[metric].sel(statistic="n_pairs") > 0).any():
+        for name, variable in compared.items():
+            if not (variable.sel(statistic="n_pairs") > 0).any():
                 continue
-            for labels, found in self._cells(metric, dims, needed):
-                index.append((_quantity(self[metric]).axis, *labels))
-                rows.append(self._row(metric, found))
+            own = [d for d in dims if d in variable.dims]
+            values = variable.sel(statistic=list(needed)).transpose(*own, "statistic").values
+            for place in np.ndindex(values.shape[:-1]):
+                at = {d: plain(self[d].values[k]) for d, k in zip(own, place, strict=True)}
+                if all((at[d] if d in at else plain(self[d].values)) == label for d, label in baseline.items()):
+                    continue
+                of = _quantity(variable)
+                index.append((of.axis, *(_label(self, d, at[d]) if d in at else NONE for d in dims)))
+                rows.append(self._row(name, of, dict(zip(needed, values[place], strict=True))))
         names = ["metric", *(quantity_of(self, d).axis for d in dims)]
         columns = list(rows[0]) if rows else []
         table = pd.DataFrame(rows, index=pd.MultiIndex.from_tuples(index, names=names), columns=columns)
         return table if (table.get("never", pd.Series()) != "0").any() else table.drop(columns="never", errors="ignore")
 
-    def _cells(
-        self, metric: str, dims: list[str], statistics: tuple[str, ...]
-    ) -> Iterator[tuple[list[str], dict[str, float]]]:
-        """Labels in words, and the statistics, of every cell but the baseline's own."""
-        own = [d for d in dims if d in self[metric].dims]
-        values = self[metric].sel(statistic=list(statistics)).transpose(*own, "statistic").values
-        labels = {d: [plain(label) for label in self[d].values] for d in own}
-        reference = ast.literal_eval(self.attrs["baseline"])
-        fixed = {d: plain(self[d].values) for d in reference if d not in own}
-        for place in np.ndindex(values.shape[:-1]):
-            at = {d: labels[d][k] for d, k in zip(own, place, strict=True)}
-            if any((fixed | at)[d] != label for d, label in reference.items()):
-                words = [_label(self, d, at[d]) if d in at else NONE for d in dims]
-                yield words, dict(zip(statistics, values[place], strict=True))
-
-    def _row(self, metric: str, found: dict[str, float]) -> dict[str, str]:
+    def _row(self, metric: str, of: Quantity, found: dict[str, float]) -> dict[str, str]:
         """The cells of a row from all statistics."""
-        of, n = _quantity(self[metric]), int(found["n_pairs"])
         level = f"{self.attrs['level']:.3g}".removeprefix("0.").ljust(2, "0")
+        relative, threshold = "relative" in self.attrs, self.attrs.get("threshold")
         row = {
             "baseline": _value(of, metric, found["baseline"]),
             "value": _value(of, metric, found["value"]),
-            f"difference ({level} %)": self._difference(of, found),
+            f"difference ({level} %)": _difference(found, *((100.0, " %") if relative else (of.factor, ""))),
             "lower in": percent(found["share_lower"]),
         }
-        if "threshold" in self.attrs:
+        if threshold is not None:
+            size = f"{100 * threshold:.3g} %" if relative else of.number(threshold)
+            by = f" by {size}" if threshold else ""
             for side, word in (("below", "lower"), ("above", "higher")):
                 edges = [found[f"share_{side}{edge}"] for edge in ("", "_low", "_high")]
-                row[f"{word}{self._by(of)} in ({level} %)"] = percent(*edges)
-        return row | {"pairs": f"{n:,}", "never": str(int(found["n_censored"]))}
+                row[f"{word}{by} in ({level} %)"] = percent(*edges)
+        return row | {"pairs": f"{int(found['n_pairs']):,}", "never": str(int(found["n_censored"]))}
 
-    def _by(self, of: Quantity) -> str:
-        threshold = self.attrs["threshold"]
-        if not threshold:
-            return ""
-        return f" by {100 * threshold:.3g} %" if "relative" in self.attrs else f" by {of.number(threshold)}"
 
-    def _difference(self, of: Quantity, found: dict[str, float]) -> str:
-        factor, unit = (100.0, " %") if "relative" in self.attrs else (of.factor, "")
-        mean, low, high = (factor * found[s] for s in ("mean", "low", "high"))
-        if np.isnan(mean):
-            median = factor * found["median"]
-            return NONE if np.isnan(median) else f"median {written(median, sign=True)}{unit}"
-        decimals = decimals_of((high - low) / 2)
-        text = written(mean, decimals, sign=True) + unit
-        edges = [written(edge, decimals, sign=True) for edge in (low, high)]
-        return text if np.isnan(low) else f"{text} ({edges[0]} to {edges[1]})"
+def _difference(found: dict[str, float], factor: float, unit: str) -> str:
+    mean, low, high, median = (factor * found[s] for s in ("mean", "low", "high", "median"))
+    if np.isnan(mean):
+        return NONE if np.isnan(median) else f"median {written(median, sign=True)}{unit}"
+    decimals = decimals_of((high - low) / 2)
+    text = written(mean, decimals, sign=True) + unit
+    edges = " to ".join(written(edge, decimals, sign=True) for edge in (low, high))
+    return text if np.isnan(low) else f"{text} ({edges})"
 
 
 def _quantity(values: xr.DataArray) -> Quantity:
@@ -133,10 +120,6 @@ def _value(of: Quantity, metric: str, value: float) -> str:
 
 def _label(ds: xr.Dataset, dim: str, label: Any) -> str:
     return written(quantity_of(ds, dim).factor * label) if isinstance(label, float) else str(label)
-
-
-CENSORED = tuple(m.name for m in METRICS.values() if m.censored)
-"""Metrics in which NaN means that it did not happen within the run."""
 
 
 def compare(
@@ -214,52 +197,47 @@ def compare(
         check(
             mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
         )
-    compared = METRICS | COSTS
-    names = given or [n for n in map(str, ds.data_vars) if _base(n) in compared and not compared[_base(n)].flags]
+    names = given or [n for n in map(str, ds.data_vars) if (m := _COMPARED.get(_base(n))) and not m.flags]
     _check(ds, baseline, over, names)
-    if threshold is not None and not relative:
-        _check_one_unit(ds, names)
+    units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
+    if threshold is not None and not relative and len(units) > 1:
+        raise InputError(
+            f"threshold counts in the unit of the metrics, and these have {', '.join(units)}: name metrics of one "
+            "unit, such as metrics='rmse', or compare with relative=True"
+        )
     ok = ds["status"] == STATUS_OK
     shape = [ds.sizes[d] for d in over]
     # noise is independent between days, but shared by everything else
-    units = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
+    independent = [axis for axis, d in enumerate(over) if d != "replicate" or "day" not in over]
     words = str({dim: plain(label) for dim, label in baseline.items()})
     results, asked = {}, STATISTICS + (() if threshold is None else OF_THRESHOLD)
     for name in names:
         values = ds[name].where(ok)
-        if name in CENSORED:
+        if name in METRICS and METRICS[name].censored:  # NaN means that it did not happen within the run
             values = values.where(values.notnull() | ~ok, np.inf)
         values, reference = xr.broadcast(values, values.sel(dict(baseline), drop=True))
         dims = [d for d in values.dims if d not in over]
         own, partner = (v.transpose(*dims, *over).values.reshape(-1, *shape) for v in (values, reference))
-        statistics = statistics_of(own, partner, units, level, relative, threshold).reshape(
-            *(values.sizes[d] for d in dims), len(asked)
-        )
+        statistics = statistics_of(own, partner, independent, level, relative, threshold)
         attrs = ds[name].attrs
         if relative:
             comment = f"shares of the baseline; the statistics baseline and value in {attrs.get('units', '1')}"
             attrs = in_shares(attrs, words) | {"comment": comment}
-        results[name] = ((*dims, "statistic"), statistics, attrs)
+        sizes = [values.sizes[d] for d in dims]
+        results[name] = ((*dims, "statistic"), statistics.reshape(*sizes, len(asked)), attrs)
     kept = {*ds["status"].dims, *(d for dims, *_ in results.values() for d in dims)} - {*over, "statistic"}
     labels = {d: ds[d] for d in ds.dims if d in kept}
-    found = Comparison(results, coords={**labels, "statistic": list(asked)})
-    found.attrs = {"baseline": words, "over": ", ".join(over), "level": level} | ({"relative": 1} if relative else {})
-    found.attrs |= {} if threshold is None else {"threshold": threshold}
-    return found
+    attrs = {"baseline": words, "over": ", ".join(over), "level": level} | ({"relative": 1} if relative else {})
+    attrs |= {} if threshold is None else {"threshold": threshold}
+    return Comparison(results, coords={**labels, "statistic": list(asked)}, attrs=attrs)
+
+
+_COMPARED = METRICS | COSTS
 
 
 def _base(name: str) -> str:
     """The name of a metric or cost without what makes it one of a year."""
     return name.removeprefix(YEARLY)
-
-
-def _check_one_unit(ds: xr.Dataset, names: list[str]) -> None:
-    units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
-    if len(units) > 1:
-        raise InputError(
-            f"threshold counts in the unit of the metrics, and these have {', '.join(units)}: name metrics of one "
-            "unit, such as metrics='rmse', or compare with relative=True"
-        )
 
 
 def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
@@ -269,27 +247,23 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             "ds is a single scenario without dimensions, so there is nothing to compare: give a sweep that holds the "
             "baseline, on several days or replicates"
         )
+    has = f"it has {', '.join(dims)}"
+    unknown = [("baseline", d) for d in baseline if d not in dims] + [("over", d) for d in over if d not in dims]
     problems = [
-        f"{what}: {shown(dim)} is no dimension of the result{nearest(str(dim), dims)}; it has {', '.join(dims)}"
-        for what, given in (("baseline", list(baseline)), ("over", over))
-        for dim in given
-        if dim not in dims
+        f"{what}: {shown(d)} is no dimension of the result{nearest(str(d), dims)}; {has}" for what, d in unknown
     ]
-    problems += [
-        f"over: {dim} is a dimension of the baseline: choose one or the other" for dim in over if dim in baseline
-    ]
-    for dim, label in baseline.items():
-        if dim not in dims:
-            continue
-        labels, single = ds[dim].values, plain(label)
+    both = [dim for dim in over if dim in baseline]
+    problems += [f"over: {dim} is a dimension of the baseline: choose one or the other" for dim in both]
+    for dim in (d for d in baseline if d in dims):
+        labels, single, given = ds[dim].values, plain(baseline[dim]), shown(baseline[dim])
         if not isinstance(single, str | int | float | np.datetime64):
-            sentence = f"baseline: {dim} = {shown(label)} is not a single label; give one, such as {labels[0]}"
+            sentence = f"baseline: {dim} = {given} is not a single label; give one, such as {labels[0]}"
             problems.append(WrongType(sentence))
         elif single not in labels or isinstance(single, bool) and labels.dtype.kind != "b":
             listed = ", ".join(map(str, labels[:10]))
-            problems.append(f"baseline: {dim} has no label {shown(label)}; choose one of {listed}")
+            problems.append(f"baseline: {dim} has no label {given}; choose one of {listed}")
     for name in names:
-        if name not in ds.data_vars or _base(name) not in METRICS | PREDICTIONS | COSTS:
+        if name not in ds.data_vars or _base(name) not in _COMPARED | PREDICTIONS:
             problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
         elif name in METRICS and METRICS[name].flags:
             problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")

@@ -53,16 +53,17 @@ class Tariff:
 def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
     """The tariff of a table, where None stands for what is not given."""
     known = {name: value for name, value in given.items() if value is not None}
+    limits = {name: (f"give {meaning}", 0.0, DEAREST) for name, (meaning, _) in PRICES.items()}
+    low, high = COP_LIMITS
+    limits["cop"] = (f"give the coefficient of performance of the chiller, from {low:g} to {high:g}", low, high)
     with checking() as check:
         for name, (meaning, example) in PRICES.items():
-            if name in known:
-                known[name] = check(number_of, name, known[name], f"give {meaning}", least=0.0, most=DEAREST)
-            else:
+            if name not in known:
                 check.problems.append(f"{name} is missing: {cure}, {meaning}, such as {name} = {example:g}")
-        low, high = COP_LIMITS
-        if "cop" in known:
-            limits = f"give the coefficient of performance of the chiller, from {low:g} to {high:g}"
-            known["cop"] = check(number_of, "cop", known["cop"], limits, least=low, most=high)
+        for name, value in known.items():
+            if name in limits:
+                words, least, most = limits[name]
+                known[name] = check(number_of, name, value, words, least=least, most=most)
         if "electric_heat" in known:
             known["electric_heat"] = check(flag_of, "electric_heat", known["electric_heat"])
         if "currency" in known:
@@ -92,26 +93,21 @@ class Months(NamedTuple):
 
 
 def billing_months(n_days: int, start: np.ndarray | None) -> Months:
-    """The months of a sequence of days.
+    """The months of a sequence of ``n_days`` labels along ``day``.
 
-    Parameters
-    ----------
-    n_days
-        Number of labels along ``day``.
-    start
-        Date and time of the first sample of each day, (n_days,) of datetime64; a day counts in the month in which it
-        starts, and two that start on the same date are one.  None: every label is a day, and 30 of them are a month.
+    start: date and time of the first sample of each day; a day counts in the month in which it starts, and two that
+    start on the same date are one.  None: every label is a day, and 30 of them are a month.
     """
     if start is None:
-        number = np.arange(n_days) // MONTH
-        labels = np.unique(number)
-        days = [np.flatnonzero(number == k) for k in labels]
-        counts = np.array([each.size for each in days])
-        return Months(labels + 1, days, counts, counts / _MEAN_MONTH)
-    month, date = start.astype("datetime64[M]"), start.astype("datetime64[D]")
+        date = np.arange(n_days)
+        month = date // MONTH
+    else:
+        date, month = start.astype("datetime64[D]"), start.astype("datetime64[M]")
     labels = np.unique(month)
     days = [np.flatnonzero(month == label) for label in labels]
     counts = np.array([np.unique(date[each]).size for each in days])
+    if start is None:
+        return Months(labels + 1, days, counts, counts / _MEAN_MONTH)
     first, last = (m.astype("datetime64[D]").astype(int) for m in (labels, labels + np.timedelta64(1, "M")))
     return Months(labels.astype("datetime64[s]"), days, counts, counts / (last - first))
 
@@ -121,10 +117,6 @@ SUMS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
 NEEDED = (*SUMS, "coil_peak_power")
 TAKEN = {"month", "n_days", "month_share", *SUMS, *COSTS, *(f"{YEARLY}{name}" for name in (*SUMS, *COSTS))}
 """Names in the answer that no dim of a result may have."""
-_NO_DATES = (
-    f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the months of "
-    "the calendar"
-)
 
 
 def cost(
@@ -182,14 +174,15 @@ def cost(
         "currency": currency,
     }  # fmt: skip
     check_result(ds)
-    with checking() as check:
-        check(_require_metrics, ds)
-        check(_require_names, ds)
-        check(_require_dates, ds)
+    _require_billable(ds)
     asked = _asked_in_study(ds) | {name: value for name, value in given.items() if value is not None}
     tariff = tariff_of(asked, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
-        warnings.warn(_NO_DATES, stacklevel=2)
+        warnings.warn(
+            f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the "
+            "months of the calendar",
+            stacklevel=2,
+        )
     found = costs_of(ds, tariff)
     gives = int((found["yearly_coil_energy"] < 0.0).sum())
     if gives:
@@ -201,31 +194,24 @@ def cost(
     return found
 
 
-def _require_metrics(ds: xr.Dataset) -> None:
-    """Refuse a result without the metrics that cost something."""
+def _require_billable(ds: xr.Dataset) -> None:
+    """Refuse a result without what the costs are made of, or with a name that they need themselves."""
+    problems = []
     missing = [name for name in NEEDED if name not in ds]
     if missing:
-        raise InputError(f"ds has no {', '.join(missing)}: keep all metrics, or simulate an older result again")
-    odd = [name for name in NEEDED if set(ds[name].dims) != set(ds["status"].dims)]
+        problems.append(f"ds has no {', '.join(missing)}: keep all metrics, or simulate an older result again")
+    odd = [name for name in NEEDED if name in ds and set(ds[name].dims) != set(ds["status"].dims)]
     if odd:
-        raise InputError(f"ds has {', '.join(odd)} over other dims than status: give a whole result, with every day")
-
-
-def _require_names(ds: xr.Dataset) -> None:
-    """Refuse dims without labels, and dims and coordinates that are called like something in the answer."""
-    empty = [str(dim) for dim, size in ds.sizes.items() if not size]
-    if empty:
-        raise InputError(f"ds has nothing along {empty[0]}: choose a label at least")
+        problems.append(f"ds has {', '.join(odd)} over other dims than status: give a whole result, with every day")
+    problems += [f"ds has nothing along {dim}: choose a label at least" for dim, size in ds.sizes.items() if not size]
     taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
-    if taken:
-        raise InputError(f"ds has a dimension or coordinate {taken[0]}, which the costs have, too: rename it")
-
-
-def _require_dates(ds: xr.Dataset) -> None:
-    """Refuse a coordinate ``start`` that is no date on each day: numbers would be taken for months since 1970."""
+    problems += [f"ds has a dimension or coordinate {name}, which the costs have, too: rename it" for name in taken]
     start = ds.coords.get("start")
+    # numbers would be taken for months since 1970
     if start is not None and (start.dtype.kind != "M" or not set(start.dims) <= {"day"} or bool(start.isnull().any())):
-        raise InputError("start has something else than a date for each day: drop it with ds.drop_vars('start')")
+        problems.append("start has something else than a date for each day: drop it with ds.drop_vars('start')")
+    if problems:
+        raise InputError(problems)
 
 
 def _asked_in_study(ds: xr.Dataset) -> dict[str, Any]:
@@ -246,27 +232,39 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     if "day" not in days.dims:
         days, status = days.expand_dims("day"), status.expand_dims("day")
     months = billing_months(days.sizes["day"], None if start is None else np.atleast_1d(start.values))
-    heating = _heats(ds)
+    constant = json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling"
+    action = ds.coords.get("action", xr.DataArray(constant))
+    heating = xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
     parts = [
         _month(days.isel(day=at), share, tariff, heating) for at, share in zip(months.days, months.share, strict=True)
     ]
     monthly = xr.concat(parts, xr.DataArray(months.labels, dims="month", name="month"))
-    found = _described(monthly, tariff.currency)
     yearly = monthly.sum("month", skipna=False) / months.years
     yearly["demand"] = monthly["demand"].max("month", skipna=False)
-    yearly = _described(yearly, tariff.currency)
-    result = found.assign({f"{YEARLY}{name}": values for name, values in yearly.data_vars.items()})
+    result = monthly.assign({f"{YEARLY}{name}": values for name, values in yearly.data_vars.items()})
+    for name, values in result.data_vars.items():
+        attrs = attributes({**METRICS, **COSTS}[str(name).removeprefix(YEARLY)])
+        values.attrs = attrs | ({"units": tariff.currency} if attrs["units"] == "currency" else {})
     result["status"] = status.max("day", keep_attrs=True).reset_coords(drop=True)
     kept = {name: c for name, c in ds.coords.items() if set(c.dims) <= set(result["status"].dims) and name != "start"}
-    result = result.assign_coords(kept | _month_coordinates(months, start))
-    return result.drop_attrs(deep=False).assign_attrs(_said(months, start, tariff))
-
-
-def _heats(ds: xr.Dataset) -> xr.DataArray:
-    """1 for each loop with a heating coil, else 0."""
-    constant = json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling"
-    action = ds.coords.get("action", xr.DataArray(constant))
-    return xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
+    zone = {} if start is None else {"time_zone": start.attrs.get("time_zone", "")}
+    result = result.assign_coords(
+        kept
+        | {
+            "month": ("month", months.labels, {"long_name": "billing month", **zone}),
+            "n_days": ("month", months.n_days, {"long_name": "days of the month that count", "units": "1"}),
+            "month_share": ("month", months.share, {"long_name": "share of a whole month", "units": "1"}),
+        }
+    )
+    attrs = {
+        "billing": "months of the calendar" if start is not None else f"blocks of {MONTH} days: there are no dates",
+        "years": months.years,
+        "tariff": json.dumps(vars(tariff)),
+    }
+    incomplete = int((months.share < 1.0 - 1e-9).sum())
+    if start is not None and incomplete:
+        attrs["incomplete_months"] = f"{incomplete} of {months.share.size}: they pay their share of the demand price"
+    return result.drop_attrs(deep=False).assign_attrs(attrs)
 
 
 def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:
@@ -282,33 +280,3 @@ def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray
     found["recool_cost"] = found["recool_energy"] * chilled
     found["cost"] = sum(found[name] for name in ("coil_cost", "demand_cost", "reheat_cost", "recool_cost"))
     return found
-
-
-def _described(ds: xr.Dataset, currency: str) -> xr.Dataset:
-    """The variables with their attributes; what is money in its currency."""
-    for name in ds.data_vars:
-        attrs = attributes({**METRICS, **COSTS}[str(name)])
-        ds[name].attrs = attrs | ({"units": currency} if attrs["units"] == "currency" else {})
-    return ds
-
-
-def _month_coordinates(months: Months, start: xr.DataArray | None) -> dict[str, Any]:
-    said = {"long_name": "billing month", **({} if start is None else {"time_zone": start.attrs.get("time_zone", "")})}
-    return {
-        "month": ("month", months.labels, said),
-        "n_days": ("month", months.n_days, {"long_name": "days of the month that count", "units": "1"}),
-        "month_share": ("month", months.share, {"long_name": "share of a whole month", "units": "1"}),
-    }
-
-
-def _said(months: Months, start: xr.DataArray | None, tariff: Tariff) -> dict[str, Any]:
-    """What a reader must know of the months and prices."""
-    incomplete = int((months.share < 1.0 - 1e-9).sum())
-    attrs = {
-        "billing": "months of the calendar" if start is not None else f"blocks of {MONTH} days: there are no dates",
-        "years": months.years,
-        "tariff": json.dumps(vars(tariff)),
-    }
-    if start is not None and incomplete:
-        attrs["incomplete_months"] = f"{incomplete} of {months.share.size}: they pay their share of the demand price"
-    return attrs

@@ -40,26 +40,22 @@ def share_of(holds: xr.DataArray, among: xr.DataArray | None = None) -> Share:
     among: the valves and days that count, all if None; of at least one.
     """
     values = holds.astype(float) if among is None else holds.astype(float).where(among.astype(bool))
-    p, means = float(values.mean()), _means(values)
-    labels = max(m.size for m in means)
-    low, high = interval(np.array(p), np.array(_variance(means)), int(values.count()), labels, Z)
+    p, (variance, labels) = float(values.mean()), _crossed(values)
+    low, high = interval(np.array(p), np.array(variance), int(values.count()), labels, Z)
     return Share(p, float(low), float(high))
 
 
 def mean_of(values: xr.DataArray) -> tuple[float, float]:
     """The mean over valves and days, and half of its 95 % interval over others of both."""
-    return float(values.mean()), Z * float(np.sqrt(_variance(_means(values))))
+    return float(values.mean()), Z * float(np.sqrt(_crossed(values)[0]))
 
 
-def _means(values: xr.DataArray) -> list[xr.DataArray]:
-    """The means of the valves, and those of the days."""
+def _crossed(values: xr.DataArray) -> tuple[float, int]:
+    """The variance of the mean, of the means of valves and of those of days, and the larger number of them."""
     dims = [dim for dim in CROSSED if dim in values.dims]
-    return [values.mean([other for other in dims if other != dim]).dropna(dim) for dim in dims]
-
-
-def _variance(means: list[xr.DataArray]) -> float:
-    """The variance of the mean of all."""
-    return sum((float(m.var(ddof=1)) / m.size for m in means if m.size > 1), 0.0)
+    means = [values.mean([other for other in dims if other != dim]).dropna(dim) for dim in dims]
+    variance = sum((float(m.var(ddof=1)) / m.size for m in means if m.size > 1), 0.0)
+    return variance, max(m.size for m in means)
 
 
 def interval(
@@ -69,26 +65,13 @@ def interval(
     labels: np.ndarray | int,
     quantile: np.ndarray | float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The interval of shares by Wilson's formula (1927, doi:10.1080/01621459.1927.10502953).
+    """Lower and upper ends of shares by Wilson's formula (1927, doi:10.1080/01621459.1927.10502953).
 
     Days of a valve are alike, and so are valves of a day: the number of cases is taken as what would have the variance
     that is seen; where nothing varies, as that of the labels.
 
-    Parameters
-    ----------
-    share, variance
-        The shares, and the variances of their means.
-    cases
-        How many cases each is of.
-    labels
-        How many valves, or days if they are more.
-    quantile
-        Of the standard normal or Student's distribution.
-
-    Returns
-    -------
-    tuple
-        Lower and upper ends.
+    variance: of the means.  cases: how many each share is of.  labels: how many valves, or days if they are more.
+    quantile: of the standard normal or Student's distribution.
     """
     with np.errstate(divide="ignore", invalid="ignore"):  # nothing varies, or there is no case at all
         n = np.where(variance > 0.0, np.minimum(cases, share * (1.0 - share) / variance), labels)
@@ -116,19 +99,10 @@ class Middle(NamedTuple):
 
 
 def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
-    """The median and its bootstrap interval.
+    """The median of values of pairs and its bootstrap interval; NaN is left out.
 
-    Parameters
-    ----------
-    values
-        Of pairs; NaN is left out.
-    unit
-        Dim whose labels are drawn anew, each with all that belongs to it; every value by itself if there is none.
-
-    Returns
-    -------
-    Middle
-        All NaN without a value; the interval is NaN with a single unit.
+    unit: dim whose labels are drawn anew, each with all that belongs to it; every value by itself if there is none.
+    All is NaN without a value; the interval is NaN with a single unit.
     """
     if unit in values.dims:
         rows = values.transpose(unit, ...).values.reshape(values.sizes[unit], -1)
@@ -189,38 +163,31 @@ def statistics_of(
     values, reference = values.reshape(shape[0], -1), reference.reshape(shape[0], -1)
     pair = ~np.isnan(values) & ~np.isnan(reference)
     values, reference = np.where(pair, values, np.nan), np.where(pair, reference, np.nan)
-    n_pairs = pair.sum(axis=1)
+    pairs = _Pairs(pair.reshape(shape), units, level)
+    n_pairs = pairs.n
     both_censored = np.isinf(values) & np.isinf(reference)
     difference = np.zeros(values.shape)
     np.subtract(values, reference, out=difference, where=~both_censored)
     if relative:
         difference = relative_change(difference, reference)
-    found = {
-        "baseline": _quantile(reference, n_pairs, 0.5),
-        "value": _quantile(values, n_pairs, 0.5),
-        "n_pairs": n_pairs,
-        "n_censored": np.isinf(values).sum(axis=1),
-    }
-    found |= {name: _quantile(difference, n_pairs, q) for name, q in QUANTILES.items()}
+    known = ~(np.isinf(difference) | both_censored).any(axis=1) & (n_pairs > 0)
+    finite = np.where(pair & known[:, None], difference, 0.0)
     lower = np.where(pair, (difference < 0.0) + 0.5 * (difference == 0.0), 0.0)
+    found = {"baseline": _quantile(reference, n_pairs, 0.5), "value": _quantile(values, n_pairs, 0.5)}
+    found |= {name: _quantile(difference, n_pairs, q) for name, q in QUANTILES.items()}
+    found |= {"n_pairs": n_pairs, "n_censored": np.isinf(values).sum(axis=1)}
     with np.errstate(invalid="ignore"):  # a cell without pairs has no share and no mean
         found["share_lower"] = lower.sum(axis=1) / n_pairs
-        known = ~(np.isinf(difference) | both_censored).any(axis=1) & (n_pairs > 0)
-        finite = np.where(pair & known[:, None], difference, 0.0)
-        found["mean"] = np.where(known, finite.sum(axis=1) / n_pairs, np.nan)
-    half = _half_width(
-        np.where(pair, finite - found["mean"][:, None], 0.0).reshape(shape), pair.reshape(shape), units, level
-    )
-    found |= {"low": found["mean"] - half, "high": found["mean"] + half}
-    names = STATISTICS
+        found["mean"] = mean = np.where(known, finite.sum(axis=1) / n_pairs, np.nan)
+    half = pairs.half_width(np.where(pair, finite - mean[:, None], 0.0).reshape(shape))
+    found |= {"low": mean - half, "high": mean + half}
     if threshold is not None:
-        names += OF_THRESHOLD
         # at a threshold of 0 an equal value is neither
-        below, above = ((sign * difference > 0.0) & (sign * difference >= threshold) for sign in (-1, 1))
-        for side, holds in (("below", below), ("above", above)):
-            edges = _share(np.where(pair, holds, False).reshape(shape), pair.reshape(shape), units, level)
-            found |= zip((f"share_{side}", f"share_{side}_low", f"share_{side}_high"), edges, strict=True)
-    return np.stack([found[s] for s in names], axis=-1)
+        for side, sign in (("below", -1), ("above", 1)):
+            holds = pair & (sign * difference > 0.0) & (sign * difference >= threshold)
+            names = [f"share_{side}{edge}" for edge in ("", "_low", "_high")]
+            found |= zip(names, pairs.share(holds.reshape(shape)), strict=True)
+    return np.stack([found[s] for s in STATISTICS + (() if threshold is None else OF_THRESHOLD)], axis=-1)
 
 
 def _quantile(rows: np.ndarray, n: np.ndarray, q: float) -> np.ndarray:
@@ -232,84 +199,69 @@ def _quantile(rows: np.ndarray, n: np.ndarray, q: float) -> np.ndarray:
     return np.take_along_axis(np.sort(rows, axis=1), place[:, None], axis=1)[:, 0]
 
 
-def _scatter(deviation: np.ndarray, pair: np.ndarray, units: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Of each unit the variance that it adds to the mean of each cell, and how many labels it has: (units, cells).
+class _Pairs:
+    """Which pairs there are, (cells, *over), and the intervals of what is seen of them over labels of the units."""
 
-    deviation: (cells, *over), 0 where there is no pair.
-    """
-    n_pairs = pair.reshape(pair.shape[0], -1).sum(axis=1)
-    variances, labels = [], []
-    for unit in units:
-        within = tuple(axis + 1 for axis in range(pair.ndim - 1) if axis != unit)
-        n = pair.any(axis=within).sum(axis=1)
+    def __init__(self, pair: np.ndarray, units: Sequence[int], level: float) -> None:
+        self.pair, self.level = pair, level
+        self.n = pair.reshape(pair.shape[0], -1).sum(axis=1)
+        self.within = [tuple(axis + 1 for axis in range(pair.ndim - 1) if axis != unit) for unit in units]
+        self.labels = np.array([pair.any(axis=within).sum(axis=1) for within in self.within])
+
+    def variances(self, deviation: np.ndarray) -> np.ndarray:
+        """Of each unit the variance that it adds to the mean of each cell; deviation: 0 where there is no pair."""
+        sums = [(deviation.sum(axis=within) ** 2).sum(axis=1) for within in self.within]
         with np.errstate(invalid="ignore", divide="ignore"):  # a single label has no scatter
-            variances.append(n / (n - 1) * (deviation.sum(axis=within) ** 2).sum(axis=1) / n_pairs**2)
-        labels.append(n)
-    return np.array(variances), np.array(labels)
+            return np.array([n / (n - 1) * of_unit / self.n**2 for n, of_unit in zip(self.labels, sums, strict=True)])
 
+    def half_width(self, deviation: np.ndarray) -> np.ndarray:
+        """Half the interval of the mean of each cell."""
+        from scipy.stats import t
 
-def _half_width(deviation: np.ndarray, pair: np.ndarray, units: Sequence[int], level: float) -> np.ndarray:
-    """Half the interval of the mean of each cell, from deviations (cells, *over) that are 0 where there is no pair."""
-    from scipy.stats import t
+        fewest = self.labels.min(axis=0)
+        quantile: np.ndarray = t.ppf(0.5 + 0.5 * self.level, np.where(fewest > 1, fewest - 1, np.nan))
+        half: np.ndarray = quantile * np.sqrt(self.variances(deviation).sum(axis=0))
+        return half
 
-    variances, labels = _scatter(deviation, pair, units)
-    fewest = labels.min(axis=0)
-    quantile: np.ndarray = t.ppf(0.5 + 0.5 * level, np.where(fewest > 1, fewest - 1, np.nan))
-    return quantile * np.sqrt(sum(variances, np.zeros(pair.shape[0])))
+    def share(self, holds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The share of the pairs in which something holds, with its interval.
 
+        Wilson's formula with the quantile of Student's distribution, whose degrees of freedom are Satterthwaite's
+        (1946, doi:10.2307/3002019): few days that hardly differ widen the interval little.
+        """
+        from scipy.stats import norm, t
 
-def _share(
-    holds: np.ndarray, pair: np.ndarray, units: Sequence[int], level: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The share of the pairs in which something holds, with its interval; (cells, *over).
-
-    Wilson's formula with the quantile of Student's distribution, whose degrees of freedom are Satterthwaite's (1946,
-    doi:10.2307/3002019): few days that hardly differ widen the interval little.
-    """
-    from scipy.stats import norm, t
-
-    n_pairs = pair.reshape(pair.shape[0], -1).sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):  # a cell without pairs has no share
-        share = holds.reshape(pair.shape[0], -1).sum(axis=1) / n_pairs
-        mean = share.reshape(-1, *(1,) * (pair.ndim - 1))
-        variances, labels = _scatter(np.where(pair, holds - mean, 0.0), pair, units)
-        variance = variances.sum(axis=0)
-        freedom = variance**2 / (variances**2 / (labels - 1)).sum(axis=0)
-    quantile = np.where(variance > 0.0, t.ppf(0.5 + 0.5 * level, freedom), norm.ppf(0.5 + 0.5 * level))
-    low, high = interval(share, variance, n_pairs, labels.max(axis=0), quantile)
-    single = labels.min(axis=0) < 2
-    return share, np.where(single, np.nan, low), np.where(single, np.nan, high)
+        with np.errstate(invalid="ignore", divide="ignore"):  # a cell without pairs has no share
+            share = holds.reshape(holds.shape[0], -1).sum(axis=1) / self.n
+            mean = share.reshape(-1, *(1,) * (holds.ndim - 1))
+            variances = self.variances(np.where(self.pair, holds - mean, 0.0))
+            variance = variances.sum(axis=0)
+            freedom = variance**2 / (variances**2 / (self.labels - 1)).sum(axis=0)
+        upper = 0.5 + 0.5 * self.level
+        quantile = np.where(variance > 0.0, t.ppf(upper, freedom), norm.ppf(upper))
+        low, high = interval(share, variance, self.n, self.labels.max(axis=0), quantile)
+        single = self.labels.min(axis=0) < 2
+        return share, np.where(single, np.nan, low), np.where(single, np.nan, high)
 
 
 def relative_to(ds: xr.Dataset, case: Mapping[str, int], words: str) -> xr.Dataset:
     """Metrics as shares of their value in one case: -0.2 is a fifth lower.
 
-    Parameters
-    ----------
-    ds
-        A result.
-    case
-        Dimension → position of the case along it; it is left out of what is returned.
-    words
-        The case, for people.
+    Where the value in the case is 0, or either failed, NaN, but 0 where both are 0.  Flags are left out, and so is the
+    case.  The attribute ``relative_to`` of a metric names it.
 
-    Returns
-    -------
-    xarray.Dataset
-        Where the value in the case is 0, or either failed, NaN, but 0 where both are 0.  Flags are left out.  The
-        attribute ``relative_to`` of a metric names the case.
+    case: dimension → position along it.  words: the case, for people.
     """
-    ok = ds["status"] == STATUS_OK
     rest = {d: np.delete(np.arange(ds.sizes[d]), k) for d, k in case.items()}
     if any(keep.size == 0 for keep in rest.values()):
         raise InputError(f"--relative-to {words}: the study has no other case to compare with it")
-    found = {}
+    found = {"status": ds["status"].isel(rest)}
     for name, variable in ds.data_vars.items():
         if name == "status" or variable.dims != ds["status"].dims or (name in METRICS and METRICS[name].flags):
             continue
-        values = variable.where(ok)
+        values = variable.where(ds["status"] == STATUS_OK)
         own, partner = xr.broadcast(values, values.isel(case, drop=True))
         change = own.copy(data=relative_change((own - partner).values, partner.values)).transpose(*variable.dims)
-        change.attrs = {}
-        found[name] = change.where(np.isfinite(change)).isel(rest).assign_attrs(in_shares(variable.attrs, words))
-    return xr.Dataset(found | {"status": ds["status"].isel(rest)}, attrs=ds.attrs)
+        change = change.where(np.isfinite(change)).isel(rest)
+        found[str(name)] = change.drop_attrs().assign_attrs(in_shares(variable.attrs, words))
+    return xr.Dataset(found, attrs=ds.attrs)

@@ -312,8 +312,8 @@ def _against_best_pi(plain: xr.Dataset, inverse: xr.Dataset) -> list[str]:
     alone = _percent((chosen / plain["rmse"]).median())
     with_it = _percent((inverse["rmse"].isel(at, drop=True) / chosen).median())
     return [
-        f"The best plain PI of {n} tunings ({_label(plain, at)}): RMSE is {alone} than with the plain PI of the same loop "
-        f"(median); the inverse is lower than that in {lower} of the loops.",
+        f"The best plain PI of {n} tunings ({_label(plain, at)}): RMSE is {alone} than with the plain PI of the same "
+        f"loop (median); the inverse is lower than that in {lower} of the loops.",
         f"An inverse on top of the best plain PI: RMSE is {with_it} (median), at {travel:.1f} times the motor travel.",
     ]
 
