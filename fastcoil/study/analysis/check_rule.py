@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of
 from fastcoil.base.arrays import Array
@@ -32,6 +31,7 @@ _TRACES = ("T_measured", "u", "command", "mode", "estimate")
 class _Run(NamedTuple):
     """A run of the compiled rule: the parameters of its loop, its traces and its boundary, second by second."""
 
+    status: int
     parameters: dict[str, float]
     traces: dict[str, Array]
     series: dict[str, Array]
@@ -41,10 +41,11 @@ class _Run(NamedTuple):
         """What a rule sees at second t of a temperature measured at ``seen_at``."""
         sign = 1.0 - 2.0 * self.parameters["action"]
         T, T_set = float(self.traces["T_measured"][seen_at]), self.series["T_set"]
-        held = [float(self.traces[n][t - 1]) for n in ("u", "command", "mode")] if t else [0.0, 0.0, FALLING]
+        u, command, mode = (
+            [float(self.traces[n][t - 1]) for n in ("u", "command", "mode")] if t else (0.0, 0.0, FALLING)
+        )
         m_a, e = float(self.series["m_a"][t]), sign * (T - float(T_set[seen_at]))
         switches = float(self.switches[t - 1]) if t else 0.0
-        u, command, mode = held
         return Sample(float(t), float(T_set[t]), m_a, T, e, u, command, mode, switches, estimate)
 
 
@@ -80,58 +81,18 @@ def check_rule(rule: Rule, loop: Loop | None = None, boundary: Boundary | None =
     if loop.sizes or boundary.has_day_dim:
         several = ", ".join(["day"] * boundary.has_day_dim + list(loop.sizes))
         raise InputError(f"check_rule takes one loop and one day: leave out the dims {several}")
-    _call_once(rule, loop, boundary)
-    ds = simulate(loop, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1, progress=False)
-    if int(ds["status"]) != STATUS_OK:
-        raise InputError(
-            f"{rule.name}: the loop ends with the status {STATUS_MEANINGS[int(ds['status'])]}: a rule must return "
-            "finite numbers"
-        )
-    return _largest_difference(rule, _run_of(loop, boundary, ds))
-
-
-def _run_of(loop: Loop, boundary: Boundary, ds: xr.Dataset) -> _Run:
-    loop = Layout(loop, boundary).loop
-    rules = rules_for_kernels(loop.rules)
-    row = parameter_matrix(columns_of(loop, {}, np.array([0])), rules)[:, 0]
-    traces = {n: ds[n].values.astype(float) for n in _TRACES}
-    series = {n: np.ravel(values) for n, values in boundary.series.items()}
-    turned = np.diff(traces["mode"], prepend=FALLING) != 0.0
-    return _Run(dict(zip((*PARAMETER_ROWS, *rules.own), row.tolist(), strict=True)), traces, series, np.cumsum(turned))
-
-
-def _call_once(rule: Rule, loop: Loop, boundary: Boundary) -> None:
-    """Call the plain Python with the first sample, which is the same without the rule: before it is compiled."""
-    without = forgetting(loop.assign(**{rule.kind: PARAMETERS[rule.kind].choices[0]}), {rule.name})
-    ds = simulate(without, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1, progress=False)
-    run = _run_of(without, boundary, ds)
-    is_law = rule.kind == "law"
-    t = 0 if is_law else int(run.parameters["sample_time"])
-    if int(ds["status"]) != STATUS_OK or t >= ds.sizes["elapsed_time"] or not run.series["enabled"][t]:
-        return
-    _, Parameters, Memory = rule.parts
-    values: dict[str, Any] = dict(loop.items())
-    p = Parameters(*(run.parameters[n] if n in run.parameters else float(values[n]) for n in Parameters._fields))
-    _called(rule, run.sample(t, 0, float(run.traces["estimate"][0])), p, Memory(*defaults_of(Memory)))
-
-
-def _largest_difference(rule: Rule, run: _Run) -> float:
-    _, Parameters, Memory = rule.parts
-    is_law, compiled = rule.kind == "law", run.traces["u" if rule.kind == "law" else "estimate"]
-    p = Parameters(*(run.parameters[n] for n in Parameters._fields))
-    begin = Memory(*defaults_of(Memory))
-    memory, estimate, largest = begin, float(run.traces["estimate"][0]), 0.0
-    sample_time = int(run.parameters["sample_time"])
-    for t in range(compiled.size):
-        if not run.series["enabled"][t]:
-            memory = begin if is_law else memory
-            continue
-        if t % sample_time or (t == 0 and not is_law):
-            continue
-        seen_at = t if is_law else t - sample_time
-        now = run.sample(t, seen_at, float(run.traces["estimate"][t]) if is_law else estimate)
-        found, memory = _called(rule, now, p, memory)
-        estimate = found
+    _, Parameters, _ = rule.parts
+    # the first sample is the same without the rule: its Python is called with it before anything is compiled
+    run = _run_of(forgetting(loop.assign(**{rule.kind: PARAMETERS[rule.kind].choices[0]}), {rule.name}), boundary)
+    known: dict[str, Any] = {**dict(loop.items()), **run.parameters}
+    if run.status == STATUS_OK:
+        next(_replayed(rule, run, Parameters(*(float(known[n]) for n in Parameters._fields))), None)
+    run = _run_of(loop, boundary)
+    if run.status != STATUS_OK:
+        ended = f"the loop ends with the status {STATUS_MEANINGS[run.status]}"
+        raise InputError(f"{rule.name}: {ended}: a rule must return finite numbers")
+    compiled, largest = run.traces["u" if rule.kind == "law" else "estimate"], 0.0
+    for t, found in _replayed(rule, run, Parameters(*(run.parameters[n] for n in Parameters._fields))):
         difference = abs(found - float(compiled[t]))
         if not difference <= TOLERANCE:
             raise InputError(
@@ -142,13 +103,37 @@ def _largest_difference(rule: Rule, run: _Run) -> float:
     return largest
 
 
-def _called(rule: Rule, now: Sample, p: Any, memory: Any) -> tuple[float, Any]:
-    """The answer of the plain Python, limited to 0–1 as that of the compiled rule is."""
-    try:
-        found, memory = rule(now, p, memory)
-        return min(max(float(found), 0.0), 1.0) if not math.isnan(found) else math.nan, memory
-    except Exception as error:  # a user's code may raise anything
-        raise InputError(
-            f"{rule.name} raises {type(error).__name__} in plain Python at t = {now.t:g} s, where the compiled rule "
-            f"goes on: {error}; leave no such case open"
-        ) from None
+def _run_of(loop: Loop, boundary: Boundary) -> _Run:
+    ds = simulate(loop, boundary, traces=list(_TRACES), warm_up=0, n_jobs=1, progress=False)
+    loop = Layout(loop, boundary).loop
+    rules = rules_for_kernels(loop.rules)
+    row = parameter_matrix(columns_of(loop, {}, np.array([0])), rules)[:, 0]
+    parameters = dict(zip((*PARAMETER_ROWS, *rules.own), row.tolist(), strict=True))
+    traces = {n: ds[n].values.astype(float) for n in _TRACES}
+    series = {n: np.ravel(values) for n, values in boundary.series.items()}
+    turned = np.diff(traces["mode"], prepend=FALLING) != 0.0
+    return _Run(int(ds["status"]), parameters, traces, series, np.cumsum(turned))
+
+
+def _replayed(rule: Rule, run: _Run, p: Any) -> Iterator[tuple[int, float]]:
+    """The seconds at which the rule is called, and what its plain Python then answers, limited to 0–1."""
+    is_law, Memory = rule.kind == "law", rule.parts[2]
+    begin = memory = Memory(*defaults_of(Memory))
+    estimate = run.traces["estimate"]
+    answer, sample_time = float(estimate[0]), int(run.parameters["sample_time"])
+    for t in range(estimate.size):
+        if not run.series["enabled"][t]:
+            memory = begin if is_law else memory
+            continue
+        if t % sample_time or (t == 0 and not is_law):
+            continue
+        now = run.sample(t, t, float(estimate[t])) if is_law else run.sample(t, t - sample_time, answer)
+        try:
+            found, memory = rule(now, p, memory)
+            answer = float(np.clip(float(found), 0.0, 1.0))
+        except Exception as error:  # a user's code may raise anything
+            raise InputError(
+                f"{rule.name} raises {type(error).__name__} in plain Python at t = {now.t:g} s, where the compiled "
+                f"rule goes on: {error}; leave no such case open"
+            ) from None
+        yield t, answer

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -35,55 +36,42 @@ def is_label(label: object, text: str) -> bool:
         return False
 
 
-def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> xr.Dataset:
+def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--at") -> xr.Dataset:
     """The scenarios with these labels; a dimension with one of them is fixed there.
 
-    Parameters
-    ----------
-    ds
-        A result.
-    at
-        Dimension, or a parameter with few values along another one, → its labels.
+    at: dimension, or a parameter with few values along another one, → its labels.  option: what the user typed.
     """
     dims, problems = ds["status"].dims, []
     known = [str(n) for n in ds.coords if len(ds[n].dims) == 1 and ds[n].dims[0] in dims]
     kept: dict[Hashable, np.ndarray] = {}
     for name, texts in at.items():
         if name not in known:
-            problems.append(
-                f"--at {name}: no label of this study{nearest(name, known)}; it has {_listed(known) or 'none'}"
-            )
+            has = _listed(known) or "none"
+            problems.append(f"{option} {name}: no label of this study{nearest(name, known)}; it has {has}")
             continue
-        labels = ds[name].values
+        labels, (dim,) = ds[name].values, ds[name].dims
         found = [np.array([is_label(label, text) for label in labels], dtype=bool) for text in texts]
-        problems += [_unknown(name, text, ds) for text, hit in zip(texts, found, strict=True) if not hit.any()]
-        dim = ds[name].dims[0]
-        kept[dim] = kept.get(dim, np.ones(labels.size, dtype=bool)) & np.logical_or.reduce(found)
+        unknown = [text for text, hit in zip(texts, found, strict=True) if not hit.any()]
+        problems += [f"{option} {name}={text}: {_choices(ds, name, text)}" for text in unknown]
+        kept[dim] = np.logical_and(kept.get(dim, True), np.logical_or.reduce(found))
     if not problems and any(not mask.any() for mask in kept.values()):
-        problems.append("--at: no scenario has all of these labels together")
+        problems.append(f"{option}: no scenario has all of these labels together")
     if problems:
         raise InputError(problems)
-    for dim, mask in kept.items():
-        single = len(at.get(str(dim), ())) == 1
-        ds = ds.isel({dim: int(np.argmax(mask)) if single else np.flatnonzero(mask)})
-    return ds
+    single = [dim for dim in kept if len(at.get(str(dim), ())) == 1]
+    return ds.isel({d: int(np.argmax(mask)) if d in single else np.flatnonzero(mask) for d, mask in kept.items()})
 
 
 def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
     """Position of one label along each of some dimensions, and the case in words."""
-    dims = [str(d) for d in ds["status"].dims if d in ds.coords]
-    problems = [
-        f"--relative-to {name}: no dimension of what is drawn{nearest(name, dims)}; it has {_listed(dims) or 'none'}"
-        for name in labels
-        if name not in dims
-    ]
-    problems += [f"--relative-to {name}: give one label" for name, texts in labels.items() if len(texts) > 1]
+    option, dims = "--relative-to", [str(d) for d in ds["status"].dims if d in ds.coords]
+    has = f"it has {_listed(dims) or 'none'}"
+    unknown = [name for name in labels if name not in dims]
+    problems = [f"{option} {name}: no dimension of what is drawn{nearest(name, dims)}; {has}" for name in unknown]
+    problems += [f"{option} {name}: give one label" for name, texts in labels.items() if len(texts) > 1]
     if problems:
         raise InputError(problems)
-    try:
-        case = selected(ds, labels)
-    except InputError as error:
-        raise InputError([problem.replace("--at", "--relative-to", 1) for problem in error.problems]) from None
+    case = selected(ds, labels, option)
     return {d: int(np.argmax(ds[d].values == case[d].values)) for d in labels}, in_words(case, labels)
 
 
@@ -99,27 +87,18 @@ def _values(ds: xr.Dataset, name: str) -> str:
     return " and ".join(map(str, values))
 
 
-def _unknown(name: str, text: str, ds: xr.Dataset) -> str:
-    """Why a label is refused, with those that there are."""
-    labels = np.unique(ds[name].values)
-    if name not in ds["status"].dims and labels.size > _MOST_LABELS:
+def _choices(ds: xr.Dataset, name: str, text: str) -> str:
+    """What a user may give instead of an unknown label: of many numbers those nearest to it."""
+    labels, dim = np.unique(ds[name].values), ds[name].dims[0]
+    if labels.size > _MOST_LABELS and name != dim:
         return (
-            f"--at {name}={text}: {name} has a value of its own at each {ds[name].dims[0]}, none to choose from: take "
-            f"--at {ds[name].dims[0]}=…, or group its values with -x {name} of plot, or --by {name} of export --latex"
+            f"{name} has a value of its own at each {dim}, none to choose from: take --at {dim}=…, or group its values "
+            f"with -x {name} of plot, or --by {name} of export --latex"
         )
-    return f"--at {name}={text}: choose one of {_listed([str(v) for v in _nearest_first(labels, text)])}"
-
-
-def _nearest_first(labels: np.ndarray, text: str) -> np.ndarray:
-    """The labels that a message lists: all in order, or those nearest to a number."""
-    try:
-        distance = abs(labels - float(text))
-    except (ValueError, TypeError):
-        return labels
-    if labels.size <= _MOST_LABELS or np.isnan(distance).any():
-        return labels
-    close: np.ndarray = np.sort(labels[np.argsort(distance)[:_MOST_LABELS]])
-    return close
+    if labels.size > _MOST_LABELS and labels.dtype.kind in "if":
+        with suppress(ValueError):  # a word
+            labels = np.sort(labels[np.argsort(abs(labels - float(text)))[:_MOST_LABELS]])
+    return f"choose one of {_listed([str(label) for label in labels])}"
 
 
 def _listed(words: Sequence[Any]) -> str:
@@ -142,24 +121,13 @@ def drawn_parameters(ds: xr.Dataset) -> list[str]:
 
 
 def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
-    """Group the scenarios by the values of drawn parameters.
+    """Group the scenarios by the values of one or two parameters that differ along other dims, such as ``sample``.
 
-    Parameters
-    ----------
-    ds
-        A result.
-    names
-        One or two parameters that differ along other dimensions, such as ``sample``.
-
-    Returns
-    -------
-    xarray.Dataset
-        The metrics and the status with these parameters as dimensions, instead of those along which they were drawn;
-        their labels are the medians of the groups.  A group has the same number of members as another one, as near as
-        can be, or, where the parameter has few values, all that have one of them.  The members of a group lie along
-        ``sample``; groups have as many places as the largest one has members, and NaN, as status too, where there is
-        none.  The coordinate ``members`` says how many a group has; the attribute ``pooled_as`` of ``sample`` says it
-        in words.
+    Returns the metrics and the status with these parameters as dimensions, instead of those along which they were
+    drawn; their labels are the medians of the groups.  A group has the same number of members as another one, as near
+    as can be, or, where the parameter has few values, all that have one of them.  The members of a group lie along
+    ``sample``; groups have as many places as the largest one has members, and NaN, as status too, where there is none.
+    The coordinate ``members`` says how many a group has; the attribute ``pooled_as`` of ``sample`` says it in words.
     """
     known = drawn_parameters(ds)
     wrong = [n for n in names if n not in known]
@@ -169,7 +137,8 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     dims = ds["status"].dims
     drawn = [d for d in dims if any(d in ds[n].dims for n in names)]
     others = [d for d in dims if d not in drawn]
-    values = [_along(ds, n, drawn) for n in names]
+    every = ds["status"].isel(dict.fromkeys(others, 0), drop=True)
+    values = [ds[n].broadcast_like(every).transpose(*drawn).values.ravel() for n in names]
     most = BINS if len(names) == 1 else int(np.clip(np.sqrt(values[0].size / _FEWEST), 2, BINS))
     groups = [_groups(v, most) for v in values]
     counts = [int(g.max()) + 1 for g in groups]
@@ -178,39 +147,29 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
             f"{' and '.join(names)}: {values[0].size} drawn scenarios are too few to group, about {_FEWEST} in each: "
             "draw more of them"
         )
-    cell, place, members = _places(groups, counts)
-    found = {}
-    for name, variable in ds.data_vars.items():
-        if set(variable.dims) == set(dims):  # not traces, and answers of other forms
-            flat = variable.transpose(*others, *drawn).values
-            flat = flat.reshape(*flat.shape[: len(others)], -1)
-            whole = np.full((*flat.shape[:-1], members.size, members.max()), np.nan)
-            whole[..., cell, place] = flat
-            found[name] = ((*others, *names, "sample"), whole.reshape(*flat.shape[:-1], *counts, -1), variable.attrs)
-    coordinates: dict[Any, Any] = {n: c for n, c in ds.coords.items() if set(c.dims) <= set(others)}
-    for name, v, g, count in zip(names, values, groups, counts, strict=True):
-        coordinates[name] = (name, np.array([np.median(v[g == k]) for k in range(count)]), ds[name].attrs)
-    coordinates["members"] = (tuple(names), members.reshape(counts))
-    words = _in_words(members, counts, names)
-    coordinates["sample"] = ("sample", np.arange(members.max()), {"pooled_as": words})
-    return xr.Dataset(found, coords=coordinates, attrs=ds.attrs)
-
-
-def _along(ds: xr.Dataset, name: str, drawn: Sequence[Hashable]) -> np.ndarray:
-    """The values of a parameter at every drawn scenario, flat."""
-    missing = {d: ds.sizes[d] for d in drawn if d not in ds[name].dims}
-    whole = ds[name].reset_coords(drop=True).expand_dims(missing).transpose(*drawn)
-    values: np.ndarray = whole.values.ravel()
-    return values
-
-
-def _places(groups: Sequence[np.ndarray], counts: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The cell of every scenario, its place in it, and how many each cell has."""
+    # the cell of every scenario, how many each cell has, and its place in the cell
     cell = np.ravel_multi_index(tuple(groups), tuple(counts))
     members = np.bincount(cell, minlength=int(np.prod(counts)))
     place = np.empty(cell.size, dtype=int)
     place[np.argsort(cell, kind="stable")] = np.arange(cell.size) - np.repeat(np.cumsum(members) - members, members)
-    return cell, place, members
+    found = {}
+    for name, variable in ds.data_vars.items():
+        if set(variable.dims) == set(dims):  # not traces, and answers of other forms
+            flat = variable.transpose(*others, *drawn).values
+            sizes = flat.shape[: len(others)]
+            whole = np.full((*sizes, members.size, members.max()), np.nan)
+            whole[..., cell, place] = flat.reshape(*sizes, -1)
+            found[name] = ((*others, *names, "sample"), whole.reshape(*sizes, *counts, -1), variable.attrs)
+    coordinates: dict[Any, Any] = {n: c for n, c in ds.coords.items() if set(c.dims) <= set(others)}
+    for name, v, g, count in zip(names, values, groups, counts, strict=True):
+        coordinates[name] = (name, np.array([np.median(v[g == k]) for k in range(count)]), ds[name].attrs)
+    coordinates["members"] = (tuple(names), members.reshape(counts))
+    least, largest = members[members > 0].min(), members.max()
+    each = f"{least}" if least == largest else f"{least} to {largest}"
+    cells = f"{' × '.join(map(str, counts))} cells" if len(counts) > 1 else f"{counts[0]} groups"
+    words = f"{each} samples in each of {cells}" + (f" of {quantity(names[0]).text}" if len(counts) == 1 else "")
+    coordinates["sample"] = ("sample", np.arange(members.max()), {"pooled_as": words})
+    return xr.Dataset(found, coords=coordinates, attrs=ds.attrs)
 
 
 def _groups(values: np.ndarray, n: int) -> np.ndarray:
@@ -222,12 +181,3 @@ def _groups(values: np.ndarray, n: int) -> np.ndarray:
     cuts = np.sort(values)[(np.arange(1, n) * values.size) // n]
     groups = np.searchsorted(np.unique(cuts), values, side="right")
     return np.unique(groups, return_inverse=True)[1].reshape(-1)
-
-
-def _in_words(members: np.ndarray, counts: Sequence[int], names: Sequence[str]) -> str:
-    filled = members[members > 0]
-    least, most = int(filled.min()), int(filled.max())
-    each = f"{least}" if least == most else f"{least} to {most}"
-    if len(counts) > 1:
-        return f"{each} samples in each of {' × '.join(map(str, counts))} cells"
-    return f"{each} samples in each of {counts[0]} groups of {quantity(names[0]).text}"

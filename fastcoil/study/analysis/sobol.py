@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -57,36 +58,31 @@ def sobol_indices(
     parameters = [label for label in labels if label not in ("A", "B")]
     if not parameters or sorted(labels) != sorted({"A", "B", *parameters}):
         raise InputError(f"design = {', '.join(labels)}: must have A, B and at least one parameter, each of them once")
-    problems = []
-    for name in names:
-        if name not in ds.data_vars:
-            problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
-        elif not _is_metric(ds[name]):
-            problems.append(f"metrics: {name!r} is no quantity over sample and design: give a metric such as rmse")
+    problems = [f"metrics: {shown(n)} is not in the result{metric_meant(n)}" for n in names if n not in ds.data_vars]
+    no_quantity = [n for n in names if n in ds.data_vars and not _is_metric(ds[n])]
+    problems += [
+        f"metrics: {n!r} is no quantity over sample and design: give a metric such as rmse" for n in no_quantity
+    ]
     if problems:
         raise InputError(problems)
-    ok = ds["status"] == STATUS_OK
     found = {}
+    coords: dict[Any, Any] = {"parameter": parameters, "index": list(INDICES), "edge": list(EDGES)}
     for name in names:
-        values = ds[name].where(ok)
-        missing = int(values.isnull().any("design").sum())
-        if missing and not drop_failed:
+        values = ds[name].where(ds["status"] == STATUS_OK).sel(design=["A", "B", *parameters])
+        missing = values.isnull().any("design")
+        if bool(missing.any()) and not drop_failed:
             raise InputError(
-                f"{name} is missing in {missing:,} of {values.isnull().any('design').size:,} samples, because a "
+                f"{name} is missing in {int(missing.sum()):,} of {missing.size:,} samples, because a "
                 "scenario failed or has no such result: give drop_failed=True to leave these samples out"
             )
         others = [d for d in values.dims if d not in ("sample", "design")]
-        cells = (
-            values.sel(design=["A", "B", *parameters])
-            .transpose(*others, "sample", "design")
-            .values.reshape(-1, ds.sizes["sample"], len(labels))
-        )
-        shape = tuple(values.sizes[d] for d in others)
+        shape = [values.sizes[d] for d in others]
+        cells = values.transpose(*others, "sample", "design").values.reshape(-1, ds.sizes["sample"], len(labels))
         indices = np.stack([_indices(cell, level) for cell in cells]).reshape(*shape, len(parameters), 2, 3)
         found[name] = ((*others, "parameter", "index", "edge"), indices)
         found[f"{name}_n_samples"] = (tuple(others), np.isfinite(cells).all(axis=2).sum(axis=1).reshape(shape))
-    kept = {d: ds[d] for name in names for d in ds[name].dims if d not in ("sample", "design")}
-    return xr.Dataset(found, coords={**kept, "parameter": parameters, "index": list(INDICES), "edge": list(EDGES)})
+        coords |= {d: ds[d] for d in others}
+    return xr.Dataset(found, coords=coords)
 
 
 def _is_metric(values: xr.DataArray) -> bool:

