@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from helpers.browsers import chromium, exploring, settled, why_no_browser
 from suite import QUICK
 
 from fastcoil.deliver.explore.loop import Model
+from fastcoil.deliver.explore.settings import Settings
 
 GAPS, NOISES = 31, 11
 """Steps of two sliders."""
@@ -27,7 +29,8 @@ const watch = new MutationObserver(() => {
   requestAnimationFrame(() => requestAnimationFrame(() => done([traces, performance.now() - start])))
 })
 watch.observe(document.body, {attributes: true})
-Bokeh.documents[0].get_model_by_name(name).value = at
+const slider = Bokeh.documents[0].get_model_by_name(name)
+slider.value = slider.categories[at]
 """
 """JavaScript: move a slider; milliseconds until the traces are there, and until all is there and painted."""
 
@@ -39,10 +42,10 @@ def test_server(timed: Timed, what: str) -> None:
     gaps = itertools.count(1)
 
     def another() -> tuple[tuple[object, ...], dict[str, object]]:
-        return (model.usual.turned(backlash=0.0001 * next(gaps), noise_std=0.01),), {}
+        return (replace(model.usual, backlash=0.0001 * next(gaps), noise_std=0.01),), {}
 
-    def both(settings: object) -> tuple[object, object]:
-        return model.run(settings), model.map(settings.turned(kp=0.02))  # type: ignore[arg-type, attr-defined]
+    def both(settings: Settings) -> tuple[object, object]:
+        return model.run(settings), model.map(replace(settings, kp=0.02))
 
     asked: dict[str, Callable[..., object]] = {"loop": model.run, "map": model.map, "loop_and_map": both}
     assert timed(asked[what], 20, setup=another)

@@ -1,130 +1,43 @@
-"""What a session shows: sliders and menus, figures and texts."""
+"""What one reader sees and moves: sliders, menus and buttons, figures and texts, and the work behind them."""
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Callable, Mapping
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from typing import Any
 
-from bokeh.document import Document
+from bokeh.document import Document, without_document_lock
 from bokeh.events import ConnectionLost, DocumentReady
-from bokeh.models import (
-    Button,
-    Column,
-    ColumnDataSource,
-    CustomJS,
-    CustomJSTickFormatter,
-    InlineStyleSheet,
-    Row,
-    Select,
-    Slider,
-)
+from bokeh.models import Button, CategoricalSlider, Column, ColumnDataSource, CustomJS, InlineStyleSheet, Row, Select
 
+from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore import words
-from fastcoil.deliver.explore.figures import LETTERS, figures, letters, map_figure
+from fastcoil.deliver.explore.figures import LoopFigures, MapFigure
 from fastcoil.deliver.explore.loop import AXES, Map, Model, Run
 from fastcoil.deliver.explore.settings import (
     CHOICES,
     DIALS,
     STORIES,
-    Choice,
-    Dial,
     Settings,
-    Start,
-    Value,
     query_of,
+    read_query,
+    settings_of,
+    settings_of_story,
     words_of,
 )
-from fastcoil.deliver.explore.words import python_lines, study_file
 
-Turn = Callable[[str, Value], None]
-SHEET = """
+_REFUSED = "This loop cannot be simulated."
+_BROKEN = "fastcoil failed here: the terminal says where."
+_SHEET = """
 :host, .bk-input, .bk-btn, .bk-slider-title, label { font-size: 1rem; color: #222; }
 .bk-slider-title { padding: 0; white-space: nowrap; }
 .noUi-handle:focus, .bk-input:focus, .bk-btn:focus { outline: 3px solid #004488; outline-offset: 2px; }
 .bk-btn { padding: 6px 10px; }
 """
-_SHOWN = "const value = Number(steps[Math.round(tick)] * factor); return Number(value.toPrecision(4)) + ' ' + unit"
-
-
-class DialControl:
-    """A slider over the steps of a dial; a value between them is added as a step."""
-
-    def __init__(self, dial: Dial, turn: Turn) -> None:
-        self.dial = dial
-        self.steps = list(dial.steps)
-        self._format = CustomJSTickFormatter(code=_SHOWN, args=self._args())
-        self.widget = Slider(
-            title=dial.label, start=0, end=len(self.steps) - 1, step=1, value=0, format=self._format, name=dial.name,
-            sizing_mode="stretch_width", stylesheets=[InlineStyleSheet(css=SHEET)], bar_color="#004488",
-        )  # fmt: skip
-        self._quiet = False
-        self.widget.on_change(
-            "value", lambda _, __, at: None if self._quiet else turn(dial.name, self.steps[round(at)])
-        )
-
-    def _args(self) -> dict[str, Any]:
-        return {"steps": self.steps, "factor": self.dial.factor, "unit": self.dial.unit.replace(" of stroke", "")}
-
-    def show(self, value: float) -> None:
-        """Move the slider without calling ``turn``."""
-        at = bisect_left(self.steps, value)
-        self._quiet = True
-        if at == len(self.steps) or self.steps[at] != value:
-            self.steps.insert(at, value)
-            self._format.args = self._args()
-            self.widget.end = len(self.steps) - 1
-        self.widget.value = at
-        self._quiet = False
-
-    def nearest(self, value: float) -> float:
-        """The step next to a value."""
-        return min(self.steps, key=lambda step: abs(step - value))
-
-
-class ChoiceControl:
-    """A menu of the words of a choice."""
-
-    def __init__(self, choice: Choice, turn: Turn) -> None:
-        self.choice = choice
-        self.widget = Select(
-            title=choice.label, options=[], name=choice.name, sizing_mode="stretch_width",
-            stylesheets=[InlineStyleSheet(css=SHEET)],
-        )  # fmt: skip
-        self._quiet = False
-        self.widget.on_change("value", lambda _, __, word: None if self._quiet else turn(choice.name, word))
-
-    def show(self, word: str, words: Mapping[str, str]) -> None:
-        """Select one of the allowed words without calling ``turn``."""
-        self._quiet = True
-        self.widget.options = list(words.items())
-        self.widget.value = word
-        self._quiet = False
-
-
-class Controls:
-    """All sliders and menus.  turn: called with the name and the new value of what is moved."""
-
-    def __init__(self, starts: Mapping[str, Start], turn: Turn) -> None:
-        self._starts = starts
-        self.dials = {name: DialControl(dial, turn) for name, dial in DIALS.items()}
-        loops = Choice("loop", "Begin with", {name: start.title for name, start in starts.items()})
-        self.choices = {name: ChoiceControl(choice, turn) for name, choice in ({"loop": loops} | CHOICES).items()}
-
-    def show(self, settings: Settings) -> None:
-        """Stand where the settings stand."""
-        start = self._starts[settings.loop]
-        for name, dial in self.dials.items():
-            dial.show(float(settings.values[name]))
-        for name, control in self.choices.items():
-            words = control.choice.words if name == "loop" else words_of(control.choice, start)
-            control.show(str(settings.values[name]), words)
-        self.dials["m_a"].widget.disabled = settings.day in ("own", "steps")
-
-
-TITLE = "fastcoil: a valve with a gap"
 _TEXTS = ("headline", "learning", "prediction", "outcome", "map-note", "problems")
 """Elements of the template that hold a sentence."""
 _SHOW = """
@@ -136,10 +49,9 @@ document.body.dataset.learns = now.learning[0] ? 'yes' : ''
 const search = now.query[0] ? '?' + now.query[0] : ''
 if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
-_AT_ONCE = "document.body.dataset.phase = 'loop'"
+_MOVED = "document.body.dataset.phase = 'loop'"
 _COPY = """
-const of = {link: () => location.href, python: () => texts.data.python[0]}
-navigator.clipboard.writeText(of[what]()).then(
+navigator.clipboard.writeText(python ? texts.data.python[0] : location.href).then(
     () => { document.getElementById('said').textContent = said },
     () => { document.getElementById('said').textContent = 'The browser does not let this page copy.' })
 """
@@ -159,117 +71,192 @@ document.body.dataset.phase = 'refused'
 
 
 class Page:
-    """The figures, the controls and the texts of one session.
+    """The page of one reader.
 
-    first_words: the sentence until there is anything to see.  turn: what to do with a new value.  tell: a story, by
-    its number.  reset: back to the link.  go: to a cell of the map.
+    The work is done on other threads, so that every move is noticed; of several moves during one piece of work only
+    the last counts.
     """
 
-    def __init__(
-        self,
-        doc: Document,
-        model: Model,
-        first_words: str,
-        turn: Turn,
-        tell: Callable[[int], None],
-        reset: Callable[[], None],
-        go: Callable[[int, int], None],
-    ) -> None:
-        self._model = model
-        self._map: tuple[Map, str] | None = None
-        self._turns = 0
-        self._texts = ColumnDataSource(
-            {name: [""] for name in (*_TEXTS, "phase", "query", "python", "toml", "turn")}, name="texts"
-        )
-        self.figures, self.map = figures(), map_figure(go)
-        self.controls = Controls(model.starts, turn)
-        self._put_together(doc, tell, reset)
-        doc.template_variables["first_words"] = first_words
+    def __init__(self, doc: Document, model: Model, pool: Executor, first_words: str) -> None:
+        self._doc, self._model, self._pool = doc, model, pool
+        arguments = doc.session_context.request.arguments
+        query = {name: values[-1].decode(errors="replace") for name, values in arguments.items()}
+        self._settings, problems = read_query(query, model.starts, model.first)
+        self._begin = self._settings
+        self._problems = [*problems, "The rest of the link is shown."] if problems else []
+        self._working, self._turns = False, 0
+        names = (*_TEXTS, "phase", "query", "python", "toml", "turn")
+        self._texts = ColumnDataSource({name: [""] for name in names}, name="texts")
+        self._figures, self._map = LoopFigures(), MapFigure(self._go)
+        style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_SHEET)]}
+        self._steps: dict[str, dict[str, float]] = {name: {} for name in DIALS}
+        self._dials = {
+            name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name,
+                                    **style)
+            for name, dial in DIALS.items()
+        }  # fmt: skip
+        labels = {"loop": "Begin with"} | {name: choice.label for name, choice in CHOICES.items()}
+        self._menus = {name: Select(title=label, name=name, **style) for name, label in labels.items()}
+        for name, slider in self._dials.items():
+            slider.on_change("value", partial(self._turned, name))
+        for name, menu in self._menus.items():
+            menu.on_change("value", partial(self._chosen, name))
+        self._put_together(first_words)
         self._say(headline=first_words)
+        self._move(self._settings)
 
-    def waits(self, settings: Settings) -> None:
-        """Mark what is shown as outdated."""
-        self.controls.show(settings)
+    # --- moves --------------------------------------------------------------------------------------------------------
+
+    def _turned(self, name: str, _attribute: str, _old: str, text: str) -> None:
+        value: Any = self._steps[name][text]
+        if value != getattr(self._settings, name):
+            self._move(replace(self._settings, **{name: value}))
+
+    def _chosen(self, name: str, _attribute: str, _old: str, word: str) -> None:
+        settings, changed = self._settings, {name: word}
+        if word == getattr(settings, name):
+            return
+        if name == "loop":
+            changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
+            settings = settings_of(word, self._model.starts[word])
+        self._move(replace(settings, **changed))  # type: ignore[arg-type]
+
+    def _go(self, i: int, j: int) -> None:
+        """To a cell of the map, at the nearest steps of its dials."""
+        changed: Any = {}
+        for k, (name, values) in zip((i, j), AXES[self._settings.axes].items(), strict=True):
+            if not 0 <= k < len(values):
+                return
+            changed[name] = min(self._steps[name].values(), key=lambda step: abs(step - values[k]))  # noqa: B023
+        self._move(replace(self._settings, **changed))
+
+    def _move(self, settings: Settings) -> None:
+        """Show other settings, as soon as they are computed."""
+        self._settings = settings
+        self._wait()
+        if not self._working:
+            self._working = True
+            self._doc.add_next_tick_callback(self._work)
+
+    def _wait(self) -> None:
+        """Set all controls to the settings, and mark what is shown as outdated."""
+        start = self._model.starts[self._settings.loop]
+        for name, slider in self._dials.items():
+            value = getattr(self._settings, name)
+            steps = {DIALS[name].text(step): step for step in sorted({*DIALS[name].steps, value})}
+            self._steps[name] = steps | {DIALS[name].text(value): value}
+            slider.update(categories=list(steps), value=DIALS[name].text(value))
+        self._dials["m_a"].disabled = self._settings.day in ("own", "steps")
+        for name, menu in self._menus.items():
+            texts = words_of(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
+            menu.update(options=list(texts.items()), value=getattr(self._settings, name))
         self._say(phase="loop", problems="")
 
-    def show_run(self, settings: Settings, run: Run) -> None:
-        """Show a loop."""
-        self.figures.show(run, settings.window)
+    # --- work ---------------------------------------------------------------------------------------------------------
+
+    @without_document_lock  # type: ignore[untyped-decorator]
+    async def _work(self) -> None:
+        """Compute and show until nothing has moved any more."""
+        shown = None
+        try:
+            while shown != self._settings:
+                shown = self._settings
+                await self._follow(shown)
+        except Exception:
+            self._soon(partial(self._refuse, _BROKEN, []))
+            raise
+        finally:
+            self._working = False
+
+    async def _follow(self, settings: Settings) -> None:
+        """Compute a loop and its map side by side, and show each as soon as it is there."""
+        loop = asyncio.get_running_loop()
+        ahead = loop.run_in_executor(self._pool, self._swept, settings)
+        try:
+            run = await loop.run_in_executor(self._pool, self._model.run, settings)
+        except InputError as error:
+            await ahead
+            self._soon(partial(self._refuse, _REFUSED, error.problems))
+            return
+        self._soon(partial(self._show_run, settings, run))
+        self._soon(partial(self._show_map, settings, await ahead))
+
+    def _swept(self, settings: Settings) -> Map | InputError:
+        """The map, or why there is none: it may be refused where the loop itself is not."""
+        try:
+            return self._model.map(settings)
+        except InputError as error:
+            return error
+
+    def _soon(self, show: Callable[[], None]) -> None:
+        """Show something in one message: the browser then draws each figure once."""
+
+        def at_once() -> None:
+            self._doc.hold("combine")
+            show()
+            self._doc.unhold()
+
+        self._doc.add_next_tick_callback(at_once)
+
+    def _show_run(self, settings: Settings, run: Run) -> None:
+        self._figures.show(run, settings.window)
         start = self._model.starts[settings.loop]
         self._say(
-            headline=words.headline(run),
-            learning=words.learning(run),
-            prediction=words.prediction(run),
-            outcome=words.outcome(run),
-            query=query_of(settings, self._model.starts, self._model.first),
-            python=python_lines(settings, start),
-            toml=study_file(settings, start),
-            phase="map",
-        )
+            headline=words.headline(run), learning=words.learning(run), prediction=words.prediction(run),
+            outcome=words.outcome(run), query=query_of(settings, self._model.starts, self._model.first),
+            python=words.python_lines(settings, start), toml=words.study_file(settings, start), phase="map",
+        )  # fmt: skip
 
-    def show_map(self, settings: Settings, found: Map) -> None:
-        """Show the map around it: the view is up to date."""
-        if self._map is None or self._map[0] is not found or self._map[1] != settings.colour:
-            self.map.show(found, settings)
-            self._map = found, settings.colour
-        on_map = self.map.mark(AXES[settings.axes], settings)
-        self._end("" if on_map else "This loop lies outside the map.")
-
-    def refuse_map(self, sentences: list[str]) -> None:
-        """Say why there is no map."""
-        self.map.clear()
-        self._map = None
-        self._end(_joined(["No map", *sentences]))
-
-    def _end(self, note: str) -> None:
-        """What is shown is what the controls say."""
+    def _show_map(self, settings: Settings, found: Map | InputError) -> None:
+        if isinstance(found, InputError):
+            self._map.clear()
+            note = _joined(["No map", *found.problems])
+        else:
+            note = "" if self._map.show(found, settings) else "This loop lies outside the map."
         self._turns += 1
-        self._say(phase="", turn=str(self._turns), **{"map-note": note})
+        self._say(phase="", turn=str(self._turns), problems=_joined(self._problems), **{"map-note": note})
+        self._problems = []
+        if settings != self._settings:
+            self._wait()
 
-    def refuse(self, headline: str, sentences: list[str]) -> None:
-        """Say why there is nothing to see."""
+    def _refuse(self, headline: str, sentences: list[str]) -> None:
         self._say(headline=headline, problems=_joined(sentences), phase="refused")
-
-    def complain(self, sentences: list[str]) -> None:
-        """Say what was wrong with the link."""
-        self._say(problems=_joined(sentences))
 
     def _say(self, **texts: str) -> None:
         self._texts.data = dict(self._texts.data) | {name: [text] for name, text in texts.items()}
 
-    def _put_together(self, doc: Document, tell: Callable[[int], None], reset: Callable[[], None]) -> None:
+    # --- layout -------------------------------------------------------------------------------------------------------
+
+    def _put_together(self, first_words: str) -> None:
+        doc = self._doc
         show = CustomJS(code=_SHOW, args={"texts": self._texts, "ids": list(_TEXTS)})
         self._texts.js_on_change("data", show)
-        at_once = CustomJS(code=_AT_ONCE)
-        dials = [dial.widget for dial in self.controls.dials.values()]
-        choices = {name: control.widget for name, control in self.controls.choices.items()}
-        for widget in (*dials, *choices.values()):
-            widget.js_on_change("value", at_once)
-        drawn = (*self.figures.all, self.map.fig)
-        for figure in drawn:
-            doc.add_root(figure)
-        abreast = (("valve", "estimator"), ("day", "window"))
-        pairs = [Row(*(choices[name] for name in names), sizing_mode="stretch_width") for names in abreast]
-        doc.add_root(Column(choices["loop"], *dials, *pairs, name="controls", sizing_mode="stretch_width"))
-        doc.add_root(Row(choices["axes"], choices["colour"], name="map-choices", sizing_mode="stretch_width"))
-        stories = [_button(story.title, partial(tell, k)) for k, story in enumerate(STORIES)]
-        doc.add_root(Row(*stories, name="stories", styles={"flex-wrap": "wrap", "gap": "4px"}))
-        taken = [_button("Reset", reset), *self._take_home()]
-        doc.add_root(Row(*taken, name="tools", styles={"flex-wrap": "wrap", "gap": "4px"}))
-        # a session may have worked before the page is there: what it said then is no change any more
-        doc.js_on_event(DocumentReady, CustomJS(code=LETTERS, args={"letters": letters(*drawn)}), show)
+        for widget in (*self._dials.values(), *self._menus.values()):
+            widget.js_on_change("value", CustomJS(code=_MOVED))
+        for fig in (*self._figures.all, self._map.fig):
+            doc.add_root(fig)
+        menus, wide = self._menus, {"sizing_mode": "stretch_width"}
+        pairs = [Row(menus[a], menus[b], **wide) for a, b in (("valve", "estimator"), ("day", "window"))]
+        doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, name="controls", **wide))
+        doc.add_root(Row(menus["axes"], menus["colour"], name="map-choices", **wide))
+        stories = [
+            _button(title, partial(self._move, settings_of_story(title, self._model.starts))) for title in STORIES
+        ]
+        reset = _button("Reset", partial(self._move, self._begin))
+        taken = {title: _button(title) for title in ("Copy link", "Copy Python", "Save TOML")}
+        texts: Any = {"texts": self._texts}
+        link, python = "The link is copied.", "The lines are copied."
+        taken["Copy link"].js_on_click(CustomJS(code=_COPY, args=texts | {"python": False, "said": link}))
+        taken["Copy Python"].js_on_click(CustomJS(code=_COPY, args=texts | {"python": True, "said": python}))
+        taken["Save TOML"].js_on_click(CustomJS(code=_DOWNLOAD, args=texts))
+        for name, buttons in (("stories", stories), ("tools", [reset, *taken.values()])):
+            doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
+        # what was said before the page was there is no change any more
+        doc.js_on_event(DocumentReady, show)
         doc.js_on_event(ConnectionLost, CustomJS(code=_LOST))
-        doc.title = TITLE
+        doc.title = "fastcoil: a valve with a gap"
         doc.template = files("fastcoil.deliver.explore").joinpath("page.html").read_text(encoding="utf-8")
-
-    def _take_home(self) -> list[Button]:
-        found = {title: _button(title) for title in ("Copy link", "Copy Python", "Save TOML")}
-        link = {"texts": self._texts, "what": "link", "said": "The link is copied."}
-        found["Copy link"].js_on_click(CustomJS(code=_COPY, args=link))
-        python = {"texts": self._texts, "what": "python", "said": "The lines are copied."}
-        found["Copy Python"].js_on_click(CustomJS(code=_COPY, args=python))
-        found["Save TOML"].js_on_click(CustomJS(code=_DOWNLOAD, args={"texts": self._texts}))
-        return [*found.values()]
+        doc.template_variables["first_words"] = first_words
 
 
 def _joined(sentences: list[str]) -> str:
@@ -277,7 +264,7 @@ def _joined(sentences: list[str]) -> str:
 
 
 def _button(title: str, act: Callable[[], None] | None = None) -> Button:
-    button = Button(label=title, name=title, stylesheets=[InlineStyleSheet(css=SHEET)], width_policy="min", margin=0)
+    button = Button(label=title, name=title, stylesheets=[InlineStyleSheet(css=_SHEET)], width_policy="min", margin=0)
     if act is not None:
         button.on_click(lambda *_: act())
     return button

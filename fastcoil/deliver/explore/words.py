@@ -3,77 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from typing import Any
 
+from fastcoil.base.results import in_toml
 from fastcoil.deliver.explore.loop import NO_GAP, NOW, PLAIN, Run, day_of, loop_of
 from fastcoil.deliver.explore.settings import GIVEN, Settings, Start
 from fastcoil.design.answer import kelvin, number, per_cent, seconds
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.loops.presets import PRESETS
 from fastcoil.model.metric_table import HUNTING_SWING, OFF
-from fastcoil.model.parameter_table import Scalar
 
 _LOST = 0.5  # share of the time off the set-point from which a loop does not control
-_MORE = 1.5  # so many times the motor travel of the plain PI is chatter
-_ABOVE = 1.02
-"""So many times the gap is an estimate that is too large: an estimator finds it to a few thousandths."""
+_MORE = 1.5  # times the motor travel of the plain PI that is chatter
+_ABOVE = 1.02  # times the gap that is too large an estimate: an estimator finds the gap to a few thousandths
 _FEW_TURNS = 2.0  # turns in 10 min that are no chatter yet
 _CALM = 0.25  # settled swing from peak to peak up to which a loop counts as calm, K
 _SEEN = 0.01  # K
-_HALF = 0.5
 
 
 def headline(run: Run) -> str:
     """What the loop does, and whether the gap is to blame, in one sentence."""
     if run.failed:
         return "This loop cannot be simulated: its temperatures leave the range of the model."
-    if chatters(run):
-        return f"{_chatter(run)}."
+    if _chatters(run):
+        turns = 6.0 * run.value("switch_frequency")
+        estimate, gap = (per_cent(run.value(name)) for name in ("estimate_settled", "backlash_final"))
+        swings = run.value("hunting_swing") > HUNTING_SWING
+        also = f", and the temperature swings by {_half(run)}" if swings else ""
+        sizes = f"the estimate, {estimate}, is larger than the gap, {gap}"
+        return f"The motor chatters, {turns:.0f} turns an hour: {sizes}{also}."
     if run.value("hunts") > 0:
-        learns = " while it learns" if run.learns else ""
-        return f"The loop hunts{learns}: {_swing(run, NOW)}; {_blame(run)}."
+        return f"The loop hunts{' while it learns' if run.learns else ''}: {_swing(run)}; {_blame(run)}."
     if run.value("share_off") > _LOST:
         return f"The loop does not hold its set-point: for most of the time it is more than {OFF:g} K off."
-    if run.value("hunting_swing") > _CALM:
-        return f"The loop does not hunt, but swings by {_half_swing(run, NOW)}; {_thanks(run, _half_swing)}."
-    return f"The loop is calm, RMS error {_error(run, NOW)}; {_thanks(run, _error)}."
+    swings = run.value("hunting_swing") > _CALM
+    now, no_gap, plain = (_half(run, k) if swings else _error(run, k) for k in (NOW, NO_GAP, PLAIN))
+    if run.compensates and run.value("hunts", PLAIN) > 0:
+        owed = f"without the inverse it would hunt, {_swing(run, PLAIN)}"
+    elif run.compensates:
+        owed = f"without the inverse: {plain}"
+    else:
+        owed = f"without the gap: {no_gap}" if run.parameter("backlash") else "the valve has no gap"
+    verdict = f"does not hunt, but swings by {now}" if swings else f"is calm, RMS error {now}"
+    return f"The loop {verdict}; {owed}."
 
 
-def _error(run: Run, case: int) -> str:
-    """The control error in words, if it can be seen at all."""
-    error = run.value("rmse", case)
-    return kelvin(error) if error >= _SEEN else f"below {_SEEN:g} K"
-
-
-def chatters(run: Run) -> bool:
-    """Whether the motor turns again and again because the estimate is larger than the gap.
-
-    Its travel is then more than ``_MORE`` times that of the plain PI, and of the PI behind a perfect valve.
-    """
-    estimate = run.value("estimate_settled")
+def _chatters(run: Run) -> bool:
+    """Whether the motor turns again and again because the estimate is larger than the gap."""
     travel, others = run.value("motor_travel"), max(run.value("motor_travel", k) for k in (NO_GAP, PLAIN))
-    too_large = estimate > _ABOVE * run.value("backlash_final") and run.compensates
+    too_large = run.compensates and run.value("estimate_settled") > _ABOVE * run.value("backlash_final")
     return too_large and travel > _MORE * others and run.value("switch_frequency") > _FEW_TURNS
-
-
-def _chatter(run: Run) -> str:
-    estimate, gap = run.value("estimate_settled"), run.value("backlash_final")
-    swing = f", and the temperature swings by {_half_swing(run, NOW)}"
-    return (
-        f"The motor chatters, {6.0 * run.value('switch_frequency'):.0f} turns an hour: the estimate, "
-        f"{per_cent(estimate)}, is larger than the gap, {per_cent(gap)}"
-        f"{swing if run.value('hunting_swing') > HUNTING_SWING else ''}"
-    )
-
-
-def _swing(run: Run, case: int) -> str:
-    return f"{_half_swing(run, case)} every {seconds(run.value('hunting_period', case))}"
-
-
-def _half_swing(run: Run, case: int) -> str:
-    half = _HALF * run.value("hunting_swing", case)
-    return f"±{kelvin(half)}" if half >= _SEEN else f"less than ±{_SEEN:g} K"
 
 
 def _blame(run: Run) -> str:
@@ -81,21 +60,24 @@ def _blame(run: Run) -> str:
     if not run.parameter("backlash"):
         return "the valve has no gap, so the tuning is to blame"
     if run.value("hunts", NO_GAP) > 0:
-        return "without the gap it would hunt, too"
+        return "without the gap it would hunt too"
     if run.compensates and not run.value("hunts", PLAIN) > 0:
         return "without the inverse it would not"
     return "without the gap it would not"
 
 
-def _thanks(run: Run, shown: Callable[[Run, int], str]) -> str:
-    """What a loop that does not hunt owes to what.  shown: the number that the sentence is about."""
-    if run.compensates and run.value("hunts", PLAIN) > 0:
-        return f"without the inverse it would hunt, {_swing(run, PLAIN)}"
-    if run.compensates:
-        return f"without the inverse: {shown(run, PLAIN)}"
-    if not run.parameter("backlash"):
-        return "the valve has no gap"
-    return f"without the gap: {shown(run, NO_GAP)}"
+def _error(run: Run, case: int) -> str:
+    error = run.value("rmse", case)
+    return kelvin(error) if error >= _SEEN else f"below {_SEEN:g} K"
+
+
+def _half(run: Run, case: int = NOW) -> str:
+    half = 0.5 * run.value("hunting_swing", case)
+    return f"±{kelvin(half)}" if half >= _SEEN else f"less than ±{_SEEN:g} K"
+
+
+def _swing(run: Run, case: int = NOW) -> str:
+    return f"{_half(run, case)} every {seconds(run.value('hunting_period', case))}"
 
 
 def learning(run: Run) -> str:
@@ -118,7 +100,7 @@ def prediction(run: Run) -> str:
         return f"Theory: hardly hunts.  Margin {margin}; {limit}, but no swing that counts is predicted."
     if not predicted.hunts:
         return f"Theory: will not hunt.  Margin {margin}; {limit}."
-    swing = f"±{kelvin(_HALF * predicted.swing)}" if math.isfinite(predicted.swing) else "by an unknown swing"
+    swing = f"±{kelvin(0.5 * predicted.swing)}" if math.isfinite(predicted.swing) else "by an unknown swing"
     return f"Theory: will hunt, {swing} every {seconds(predicted.period)}.  Margin {margin}; {limit}."
 
 
@@ -127,13 +109,9 @@ def outcome(run: Run) -> str:
     if run.failed:
         return "Simulated: failed."
     hunts, predicted = run.value("hunts") > 0, run.predicted
-    apart = "" if predicted.doubt or predicted.hunts == hunts else "  The two disagree: go by the simulation."
-    if hunts:
-        return f"Simulated: hunts, {_swing(run, NOW)}.{apart}"
-    return f"Simulated: does not hunt, swing {_half_swing(run, NOW)}.{apart}"
-
-
-_BASE = "paper_like"  # the preset from which the changes of any other loop are listed
+    agree = predicted.doubt or predicted.hunts == hunts
+    verdict = f"hunts, {_swing(run)}" if hunts else f"does not hunt, swing {_half(run)}"
+    return f"Simulated: {verdict}.{'' if agree else '  The two disagree: go by the simulation.'}"
 
 
 def python_lines(settings: Settings, start: Start) -> str:
@@ -141,11 +119,11 @@ def python_lines(settings: Settings, start: Start) -> str:
     preset, changed = _preset_and_changes(settings, start)
     assign = f".assign({_arguments(changed)})" if changed else ""
     day = day_of(settings, start)
-    made = f"fc.{day.maker}({_arguments(day.arguments)})" if day else f"fc.paper_day()  # give that of {start.title}"
+    made = f"fc.{day[0]}({_arguments(day[1])})" if day else f"fc.paper_day()  # give that of {start.title}"
     run = "" if day else f", warm_up={start.warm_up}, seed={start.seed}"
     return (
         "import fastcoil as fc\n\n"
-        f"loop = fc.Loop.preset({_quoted(preset)}){assign}\n"
+        f"loop = fc.Loop.preset({in_toml(preset)}){assign}\n"
         f"day = {made}\n"
         f"ds = fc.simulate(loop, day{run})\n"
         'print(ds[["rmse", "hunts", "hunting_swing", "hunting_period"]])\n'
@@ -156,15 +134,15 @@ def study_file(settings: Settings, start: Start) -> str:
     """A study file for ``fastcoil run``."""
     preset, changed = _preset_and_changes(settings, start)
     day = day_of(settings, start)
-    lines = ["# from `fastcoil explore`", "[loop]", f"preset = {_quoted(preset)}", *_rows(changed), ""]
-    if day is None:
-        return "\n".join([*lines, f"# [boundary]: that of {start.title}", ""])
-    return "\n".join([*lines, "[boundary]", f"kind = {_quoted(day.maker)}", *_rows(day.arguments), ""])
+    boundary = [f"# [boundary]: that of {start.title}"]
+    if day is not None:
+        boundary = ["[boundary]", *_rows({"kind": day[0]} | day[1])]
+    return "\n".join(["# from `fastcoil explore`", "[loop]", *_rows({"preset": preset} | changed), "", *boundary, ""])
 
 
-def _preset_and_changes(settings: Settings, start: Start) -> tuple[str, dict[str, Scalar]]:
+def _preset_and_changes(settings: Settings, start: Start) -> tuple[str, dict[str, Any]]:
     """A preset, and what differs from it."""
-    preset = _BASE if settings.loop == GIVEN else settings.loop
+    preset = "paper_like" if settings.loop == GIVEN else settings.loop
     constants = loop_of(settings, start).constants
     changed = {name: constants[name] for name in PRESETS[preset].changed(constants)}
     if changed.get("estimator") == "none" and "estimator" not in PRESETS[preset].values:
@@ -172,17 +150,9 @@ def _preset_and_changes(settings: Settings, start: Start) -> tuple[str, dict[str
     return preset, changed
 
 
-def _rows(values: Mapping[str, Any]) -> list[str]:
-    return [f"{name} = {_literal(value)}" for name, value in values.items()]
+def _rows(values: dict[str, Any]) -> list[str]:
+    return [f"{name} = {in_toml(value)}" for name, value in values.items()]
 
 
-def _arguments(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name}={_literal(value)}" for name, value in values.items())
-
-
-def _literal(value: object) -> str:
-    return _quoted(value) if isinstance(value, str) else repr(value)
-
-
-def _quoted(text: str) -> str:
-    return f'"{text}"'
+def _arguments(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={in_toml(value)}" for name, value in values.items())

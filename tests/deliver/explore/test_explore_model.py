@@ -1,15 +1,13 @@
 """What ``fastcoil explore`` shows is what the library says of the same loop, put together by hand here."""
 
 import itertools
-from pathlib import Path
+from dataclasses import replace
 from urllib.parse import parse_qsl
 
 import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.deliver.explore import loop, words
-from fastcoil.deliver.explore import settings as settings_module
 from fastcoil.deliver.explore.loop import AXES, TRACES, Model, scene_of
 from fastcoil.deliver.explore.settings import (
     CHOICES,
@@ -28,15 +26,6 @@ from fastcoil.loops.presets import PRESETS
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.maintenance import one_scenario
 
-BY_HAND = {
-    "A good valve": fc.Loop(backlash=0.0),
-    "7 % gap, plain PI": fc.Loop(),
-    "With the inverse": fc.Loop(backlash_estimate=0.065),
-    "Estimate too large": fc.Loop(backlash_estimate=0.1),
-    "Learning": fc.Loop(estimator="identify", estimate_share=0.95, identify_stroke_time=0.0),
-    "Slower instead": fc.Loop(ti=40.0),
-}
-
 
 @pytest.fixture(scope="module")
 def model():
@@ -48,23 +37,41 @@ def tell(model):
     """Return a function that gives the settings of a story, and what is shown of it."""
 
     def show(title):
-        (story,) = [one for one in STORIES if one.title == title]
-        settings = settings_of_story(story, model.starts)
+        settings = settings_of_story(title, model.starts)
         return settings, model.run(settings)
 
     return show
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("story", STORIES, ids=lambda story: story.title)
-def test_a_story_shows_what_simulate_gives_to_the_bit(tell, story, working_day):
-    _, run = tell(story.title)
-    ds = fc.simulate(BY_HAND[story.title], working_day, traces=TRACES, trace_interval=5, n_jobs=1)
+@pytest.mark.parametrize(
+    ("title", "by_hand", "begins", "has"),
+    [
+        ("A good valve", {"backlash": 0.0}, "The loop is calm", "the valve has no gap"),
+        ("7 % gap, plain PI", {}, "The loop hunts: ±", "; without the gap it would not."),
+        ("With the inverse", {"backlash_estimate": 0.065}, "The loop is calm",
+         "; without the inverse it would hunt, ±"),
+        ("Estimate too large", {"backlash_estimate": 0.1}, "The motor chatters, ",
+         "the estimate, 10 %, is larger than the gap, 7 %"),
+        ("Learning", {"estimator": "identify", "estimate_share": 0.95, "identify_stroke_time": 0.0},
+         "The loop is calm", "; without the inverse it would hunt, ±"),
+        ("Slower instead", {"ti": 40.0}, "The loop does not hunt, but swings by ±", "; without the gap: ±0.0"),
+    ],
+)  # fmt: skip
+def test_a_story_shows_what_simulate_gives_to_the_bit_and_says_what_is_seen(
+    tell, working_day, title, by_hand, begins, has
+):
+    _, run = tell(title)
+    ds = fc.simulate(fc.Loop(**by_hand), working_day, traces=TRACES, trace_interval=5, n_jobs=1)
     for name in TRACES:
         np.testing.assert_array_equal(run.traces[name], ds[name])
     for name in ("rmse", "hunts", "hunting_swing", "hunting_period", "motor_travel", "estimate_final"):
         np.testing.assert_array_equal(run.value(name), ds[name])
     np.testing.assert_array_equal(run.traces["T_set"], working_day.series["T_set"][0][::5])
+    assert headline(run).startswith(begins)
+    assert has in headline(run)
+    assert bool(learning(run)) == (title == "Learning")
+    assert outcome(run).startswith("Simulated: " + ("hunts" if run.value("hunts") else "does not hunt"))
 
 
 @pytest.mark.kernel
@@ -86,26 +93,6 @@ def test_theory_is_that_of_limit_cycle(tell, working_day):
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize(
-    ("title", "begins", "has"),
-    [
-        ("A good valve", "The loop is calm", "the valve has no gap"),
-        ("7 % gap, plain PI", "The loop hunts: ±", "; without the gap it would not."),
-        ("With the inverse", "The loop is calm", "; without the inverse it would hunt, ±"),
-        ("Estimate too large", "The motor chatters, ", "the estimate, 10 %, is larger than the gap, 7 %"),
-        ("Learning", "The loop is calm", "; without the inverse it would hunt, ±"),
-        ("Slower instead", "The loop does not hunt, but swings by ±", "; without the gap: ±0.0"),
-    ],
-)
-def test_the_sentence_says_what_is_seen(tell, title, begins, has):
-    _, run = tell(title)
-    assert headline(run).startswith(begins)
-    assert has in headline(run)
-    assert bool(learning(run)) == (title == "Learning")
-    assert outcome(run).startswith("Simulated: " + ("hunts" if run.value("hunts") else "does not hunt"))
-
-
-@pytest.mark.kernel
 def test_the_numbers_of_the_sentence_are_those_of_the_traces(tell):
     """Half of peak to peak of T_sup in the last settled minutes, and the time between its maxima."""
     _, run = tell("7 % gap, plain PI")
@@ -120,10 +107,10 @@ def test_the_numbers_of_the_sentence_are_those_of_the_traces(tell):
 @pytest.mark.kernel
 @pytest.mark.parametrize("axes", AXES)
 def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
-    found = model.map(model.usual.turned(axes=axes))
-    x, y = found.x, found.y
-    for i, j in ((3, 2), (len(x.values) - 1, len(y.values) - 1)):
-        loop = fc.Loop(**{x.name: x.values[i], y.name: y.values[j]})
+    found = model.map(replace(model.usual, axes=axes))
+    (x, along_x), (y, along_y) = AXES[axes].items()
+    for i, j in ((3, 2), (-1, -1)):
+        loop = fc.Loop(**{x: along_x[i], y: along_y[j]})
         ds = fc.simulate(loop, working_day, n_jobs=1)
         assert found.values["rmse"][j, i] == ds.rmse
         assert found.values["hunting_swing"][j, i] == ds.hunting_swing
@@ -132,10 +119,10 @@ def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
 @pytest.mark.kernel
 def test_only_what_changes_is_computed_again(model):
     here = model.usual
-    assert model.map(here) is model.map(here.turned(kp=0.05, ti=100.0, colour="hunting_swing", window="day"))
-    assert model.map(here) is not model.map(here.turned(noise_std=0.02))
-    assert model.run(here) is model.run(here.turned(axes="size", colour="hunting_swing", window="day"))
-    assert model.run(here) is not model.run(here.turned(kp=0.05))
+    assert model.map(here) is model.map(replace(here, kp=0.05, ti=100.0, colour="hunting_swing", window="day"))
+    assert model.map(here) is not model.map(replace(here, noise_std=0.02))
+    assert model.run(here) is model.run(replace(here, axes="size", colour="hunting_swing", window="day"))
+    assert model.run(here) is not model.run(replace(here, kp=0.05))
 
 
 @pytest.mark.kernel
@@ -151,7 +138,7 @@ def test_only_what_changes_is_computed_again(model):
 )
 def test_what_is_taken_home_is_what_was_shown(model, changes, tmp_path, monkeypatch):
     name = changes.get("loop", "paper_like")
-    settings = settings_of(name, model.starts[name]).turned(**changes)
+    settings = replace(settings_of(name, model.starts[name]), **changes)
     shown = model.run(settings)
     path = tmp_path / "loop.toml"
     path.write_text(study_file(settings, model.starts[name]), encoding="utf-8")
@@ -187,33 +174,33 @@ def test_a_day_that_is_too_long_is_refused(tmp_path):
 
 @pytest.mark.kernel
 def test_the_experiments_of_the_page_show_what_it_says(model, tell):
-    """docs/explore.md, number by number."""
+    """The experiments of docs/first-steps.md."""
     plain, _ = tell("7 % gap, plain PI")
-    still = plain.turned(day="constant")
+    still = replace(plain, day="constant")
 
     def says(settings):
         run = model.run(settings)
         return f"{headline(run)} {learning(run)} {prediction(run)}"
 
     assert "±0.48 K every 3 min" in says(still)
-    assert "±0.067 K every 3 min" in says(still.turned(backlash=0.01))
-    assert "is calm, RMS error below 0.01 K" in says(still.turned(backlash=0.0))
-    assert "is calm" in says(plain.turned(backlash_estimate=0.06))
-    assert "chatters, 113 turns an hour" in says(plain.turned(backlash_estimate=0.075))
-    assert "The loop hunts" in (at_12 := says(still.turned(ti=12.0)))
+    assert "±0.067 K every 3 min" in says(replace(still, backlash=0.01))
+    assert "is calm, RMS error below 0.01 K" in says(replace(still, backlash=0.0))
+    assert "is calm" in says(replace(plain, backlash_estimate=0.06))
+    assert "chatters, 113 turns an hour" in says(replace(plain, backlash_estimate=0.075))
+    assert "The loop hunts" in (at_12 := says(replace(still, ti=12.0)))
     assert "Margin 0.93" in at_12
-    assert "The loop is calm" in (at_15 := says(still.turned(ti=15.0)))
+    assert "The loop is calm" in (at_15 := says(replace(still, ti=15.0)))
     assert "Margin 0.67" in at_15
     found = model.map(plain)
     j, i = np.unravel_index(np.argmin(found.values["rmse"]), found.values["rmse"].shape)
-    assert (found.y.values[j], found.x.values[i]) == (0.1, 64.0)
+    assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)
     assert round(float(found.values["rmse"][j, i]), 2) == 0.16 == round(tell("With the inverse")[1].value("rmse"), 2)
     learns, run = tell("Learning")
     assert "right since hour 1.2" in learning(run)
-    assert "ends at 0 %" in says(learns.turned(day="constant"))
-    assert "right since hour 3.0" in says(learns.turned(day="constant", estimator="learner"))
+    assert "ends at 0 %" in says(replace(learns, day="constant"))
+    assert "right since hour 3.0" in says(replace(learns, day="constant", estimator="learner"))
     lbnl = model.starts["lbnl"]
-    runs_away = settings_of("lbnl", lbnl).turned(day="constant", estimator="learner")
+    runs_away = replace(settings_of("lbnl", lbnl), day="constant", estimator="learner")
     assert "chatters" in says(runs_away)
 
 
@@ -228,8 +215,8 @@ def test_a_link_gives_the_settings_back():
     asked = [settings_of_story(story, STARTS) for story in STORIES]
     for name, start in STARTS.items():
         usual = settings_of(name, start)
-        asked += [usual.turned(**{dial.name: step}) for dial in DIALS.values() for step in dial.steps]
-        asked += [usual.turned(**{c.name: w}) for c in CHOICES.values() for w in words_of(c, start)]
+        asked += [replace(usual, **{name: step}) for name, dial in DIALS.items() for step in dial.steps]
+        asked += [replace(usual, **{name: word}) for name in CHOICES for word in words_of(name, start)]
     for settings in asked:
         assert read(query_of(settings, STARTS, "paper_like")) == (settings, [])
     assert query_of(asked[1], STARTS, "paper_like") == ""
@@ -253,35 +240,29 @@ def test_a_link_with_a_mistake_is_refused_in_words_and_the_rest_is_shown(query, 
     settings, problems = read(f"{query}&noise_std=0.02")
     assert len(problems) == 1
     assert problems[0].startswith(sentence)
-    assert settings == settings_of("paper_like", STARTS["paper_like"]).turned(noise_std=0.02)
+    assert settings == replace(settings_of("paper_like", STARTS["paper_like"]), noise_std=0.02)
 
 
 def test_all_that_can_be_set_can_be_simulated():
     """Every preset with every word, at both ends of all dials."""
     for name in PRESETS:
         start = STARTS[name]
-        words = [words_of(CHOICES[c], start) for c in ("valve", "estimator", "day")]
-        ends = [{d.name: d.steps[k] for d in DIALS.values()} for k in (0, -1)]
+        words = [words_of(c, start) for c in ("valve", "estimator", "day")]
+        ends = [{name: dial.steps[k] for name, dial in DIALS.items()} for k in (0, -1)]
         for k, ((valve, estimator, day), values) in enumerate(itertools.product(itertools.product(*words), ends)):
             if k % 5 == 0 or valve == "own":
-                settings = settings_of(name, start).turned(valve=valve, estimator=estimator, day=day, **values)
+                settings = replace(settings_of(name, start), valve=valve, estimator=estimator, day=day, **values)
                 scene = scene_of(settings, start)
-                plan_simulation(scene.loop, scene.day)
+                plan_simulation(scene.loop, scene.boundary)
                 assert scene.loop["backlash"] == values["backlash"]
 
 
 @pytest.mark.parametrize("name", ["lbnl", "heating_45"])
 def test_the_load_is_the_air_of_days_that_have_none_of_their_own(name):
-    settings = settings_of(name, STARTS[name]).turned(m_a=0.65)
+    settings = replace(settings_of(name, STARTS[name]), m_a=0.65)
     for day in ("constant", "design"):
-        made = scene_of(settings.turned(day=day), STARTS[name]).day.series
+        made = scene_of(replace(settings, day=day), STARTS[name]).boundary.series
         assert (made["m_a"] == 0.65).all()
         water = made["T_w_in"].mean()
         assert water == pytest.approx(45.0 if name == "heating_45" else 7.0)
-    assert scene_of(settings, STARTS[name]).day.series["m_a"].std() > 0.0
-
-
-def test_the_model_knows_no_page():
-    for module in (settings_module, loop, words):
-        source = Path(module.__file__).read_text(encoding="utf-8")
-        assert not [w for w in ("bokeh", "tornado", "explore.page", "explore.figures", "explore.server") if w in source]
+    assert scene_of(settings, STARTS[name]).boundary.series["m_a"].std() > 0.0
