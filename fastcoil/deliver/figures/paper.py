@@ -13,9 +13,10 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, YELLOW, apply_style
+from fastcoil.base.text import percent
 from fastcoil.deliver.figures.axes import draw_curve
 from fastcoil.loops.labels import quantity
-from fastcoil.study.paper.grid import BACKLASH, INTERVAL, NOISE, THREE_HOURS, percent
+from fastcoil.study.paper.grid import BACKLASH, INTERVAL, NOISE, THREE_HOURS
 from fastcoil.study.paper.scorecard import SURELY
 
 if TYPE_CHECKING:

@@ -12,11 +12,12 @@ import xarray as xr
 from fastcoil.base.errors import InputError, StorageError
 from fastcoil.base.figures import write
 from fastcoil.base.files import commit, exists, is_folder
+from fastcoil.base.text import percent
 from fastcoil.deliver.figures import paper as figures
 from fastcoil.loops.netcdf import save
 from fastcoil.loops.simulate import workers
 from fastcoil.study.paper import grid
-from fastcoil.study.paper.grid import KINDS, Days, percent
+from fastcoil.study.paper.grid import KINDS, Days
 from fastcoil.study.paper.scorecard import COMMAND, scorecard
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def markdown(card: Mapping[str, Any], captions: Mapping[str, str]) -> str:
         lines += [f"Counts as holding: {c['counts_as_holding']}  {c['note']}".rstrip(), ""]
         rows = []
         for kind, found in c["kinds"].items():
-            share = f"{percent(found['share'], 1)} of {c['n_tunings']} × {c['n_days']}"
+            share = f"{percent(found['share'], decimals=1)} of {c['n_tunings']} × {c['n_days']}"
             lines.append(f"* {kind}: **{found['verdict_text']}**; {share}.")
             of = found["measured"]
             rows += [[n, kind, *(_number(of[p][n]) for p in (*grid["presets"], "grid"))] for n in of["grid"]]

@@ -9,13 +9,14 @@ a claim is compared day by day.  Nothing is digitised from the paper's figures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.text import percent
 from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.loop import Loop
@@ -28,6 +29,7 @@ from fastcoil.model.physics import water_flow
 
 Days = Callable[[float, Sequence[int]], Boundary]
 """Makes a day of so many hours from each seed."""
+Kinds = Mapping[str, Days]
 
 T_SET = 14.0
 """Where the set-point stands still, °C."""
@@ -70,7 +72,7 @@ def replaced(days: Boundary, seeds: Sequence[int], air: Sequence[Boundary] = ())
     return Boundary(**series, day=list(seeds))
 
 
-KINDS: Mapping[str, Days] = {"stepped": stepped, "constant": constant, "design": design}
+KINDS: Kinds = {"stepped": stepped, "constant": constant, "design": design}
 """Kinds of days by name, the paper's first."""
 
 
@@ -106,15 +108,13 @@ RULES: dict[str, dict[str, Any]] = {
 LITERAL = {"learning_step": STEP, "backlash_estimate": STEP, "learning_interval": INTERVAL}
 
 
-def percent(share: float, digits: int = 0) -> str:
-    """Write a share in per cent."""
-    return f"{100 * share:.{digits}f} %"
-
-
-def buffers(is_buffered: xr.DataArray, loop: Loop, noise: float = NOISE) -> xr.DataArray:
-    """Buffers that keep most of the noise from turning the inverse where ``is_buffered`` is 1; else the default."""
-    wide = BUFFER_SIGMAS * noise * xr.DataArray(loop["kp"])
-    return (1 - is_buffered) * float(str(PARAMETERS["buffer"].default)) + is_buffered * wide
+def buffers(loop: Loop, cases: Iterable[str], buffered: str = "buffer", noise: float = NOISE) -> xr.DataArray:
+    """Buffers that keep most of the noise from turning the inverse in cases that end so; else the default."""
+    names = list(cases)
+    wide = xr.DataArray([float(name.endswith(buffered)) for name in names], coords={"case": names})
+    return (1 - wide) * float(str(PARAMETERS["buffer"].default)) + wide * (
+        BUFFER_SIGMAS * noise * xr.DataArray(loop["kp"])
+    )
 
 
 def along(dim: str, cases: Mapping[str, Mapping[str, Any]]) -> dict[str, xr.DataArray]:
@@ -152,29 +152,17 @@ def tracking() -> xr.Dataset:
     day = paper_day(hours=8, seed=FIGURE_DAY)
     loop = preset_loops().assign(**along("case", cases))
     ds = simulate(loop, day, traces=["T_sup", "command", "opening"], trace_interval=10, progress=False)
-    return with_set_point(ds, day)
-
-
-def with_set_point(ds: xr.Dataset, day: Any) -> xr.Dataset:
-    """Add the set-point at the points of the traces."""
-    points = ds["elapsed_time"].values.astype(int)
     attrs = {"long_name": "set-point of the supply air temperature", "units": "degC"}
-    ds["T_set"] = ("elapsed_time", day.series["T_set"][0][points], attrs)
+    ds["T_set"] = ("elapsed_time", day.series["T_set"][0][ds["elapsed_time"].values.astype(int)], attrs)
     return rehashed(ds)
 
 
 def estimates(*, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
     """Fig 11: simulate estimates of 0 to 150 % over days and noise realisations: no noise, noise, noise and buffer."""
-    loop = preset_loops()
-    cases = ("no noise", "noise", "noise, buffer")
-    labels = {"case": np.array(cases)}
-    is_buffered = xr.DataArray([0.0, 0.0, 1.0], dims="case", coords=labels)
-    loop = loop.assign(
-        backlash=BACKLASH,
-        estimate_ratio=np.linspace(0.0, 1.5, 7 if quick else 31),
-        noise_std=xr.DataArray([0.0, NOISE, NOISE], dims="case", coords=labels),
-        buffer=buffers(is_buffered, loop),
-    )
+    noise = {"no noise": 0.0, "noise": NOISE, "noise, buffer": NOISE}
+    loop = preset_loops().assign(backlash=BACKLASH, estimate_ratio=np.linspace(0.0, 1.5, 7 if quick else 31))
+    loop = loop.assign(**along("case", {name: {"noise_std": std} for name, std in noise.items()}))
+    loop = loop.assign(buffer=buffers(loop, noise))
     days = paper_day(hours=8, seed=BAND_DAYS[:2] if quick else BAND_DAYS)
     return simulate(loop, days, seed=SEED, replicates=2 if quick else 3, n_jobs=n_jobs, progress=False)
 
@@ -183,22 +171,14 @@ def staircases() -> xr.Dataset:
     """Fig 12: simulate the learned estimate by rule, and the switches that it saw in blocks of 10 min."""
     rules = {name: LITERAL | rule for name, rule in RULES.items()}
     loop = preset_loops().assign(backlash=BACKLASH, **along("rule", rules))
-    ds = simulate(
-        loop, paper_day(hours=8, seed=FIGURE_DAY), traces=["estimate", "mode"], trace_interval=10, progress=False
-    )
-    ds["switches"] = switches_per_block(ds["mode"])
-    return rehashed(ds.drop_vars("mode"))
-
-
-def switches_per_block(mode: xr.DataArray, seconds: int = 600) -> xr.DataArray:
-    """Count the mode switches in every block of ``seconds``; the first rise counts."""
-    step = int(mode["elapsed_time"][1] - mode["elapsed_time"][0])
-    turned = mode != mode.shift(elapsed_time=1, fill_value=-1)
-    blocks = turned.coarsen(elapsed_time=seconds // step, boundary="trim").sum()
-    blocks = blocks.rename(elapsed_time="block_start")
-    start = seconds * np.arange(blocks.sizes["block_start"], dtype=float)
+    day, interval, block = paper_day(hours=8, seed=FIGURE_DAY), 10, 600
+    ds = simulate(loop, day, traces=["estimate", "mode"], trace_interval=interval, progress=False)
+    turned = ds["mode"] != ds["mode"].shift(elapsed_time=1, fill_value=-1)  # the first rise counts
+    blocks = turned.coarsen(elapsed_time=block // interval, boundary="trim").sum().rename(elapsed_time="block_start")
+    start = block * np.arange(blocks.sizes["block_start"], dtype=float)
     blocks = blocks.assign_coords(block_start=("block_start", start, {"long_name": "start of a block", "units": "s"}))
-    return blocks.astype(float).assign_attrs({"long_name": f"mode switches in {seconds} s", "units": "1"})
+    ds["switches"] = blocks.astype(float).assign_attrs({"long_name": f"mode switches in {block} s", "units": "1"})
+    return rehashed(ds.drop_vars("mode"))
 
 
 def rehashed(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
@@ -210,15 +190,14 @@ def rehashed(ds: xr.Dataset, **attrs: Any) -> xr.Dataset:
 
 def arithmetic() -> str:
     """Why the literal rule cannot keep the paper's three hours, by its own numbers."""
-    steps = round((BACKLASH - STEP) / STEP)
-    reached, known = steps * INTERVAL, (steps + 2) * INTERVAL
-    updates = (THREE_HOURS - 1) // INTERVAL
-    start, backlash = percent(STEP, 1), percent(BACKLASH, 1)
+    steps, updates = round((BACKLASH - STEP) / STEP), (THREE_HOURS - 1) // INTERVAL
+    reached, known = (n * INTERVAL / 3600 for n in (steps, steps + 2))
+    sizes = (STEP, BACKLASH, BACKLASH + STEP, (updates + 1) * STEP)
+    start, backlash, tried, most = (percent(size, decimals=1) for size in sizes)
     return (
         f"From {start}, {steps} steps of {start} every {INTERVAL // 60} min are needed to reach {backlash}: "
-        f"{steps} × {INTERVAL / 3600:g} h = {reached / 3600:g} h, and {known / 3600:g} h until "
-        f"{percent(BACKLASH + STEP, 1)} has been tried and taken back.  In less than {THREE_HOURS // 3600} h there are "
-        f"{updates} updates, which lead to {percent((updates + 1) * STEP, 1)} at most."
+        f"{steps} × {INTERVAL / 3600:g} h = {reached:g} h, and {known:g} h until {tried} has been tried and taken "
+        f"back.  In less than {THREE_HOURS // 3600} h there are {updates} updates, which lead to {most} at most."
     )
 
 
@@ -280,19 +259,20 @@ def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
     peak = ds["T_sup"].sel(case="no backlash", elapsed_time=slice(STEP_AT, None)).max("elapsed_time")
     late = ds["T_sup"].sel(elapsed_time=slice((QUIET_HOURS - 1) * 3600, None))
     low, high = late.min("elapsed_time"), late.max("elapsed_time")
-    percent = {"long_name": "overshoot of a set-point step without backlash", "units": "1"}
-    ds["overshoot"] = ((peak - T_AFTER) / (T_AFTER - T_BEFORE)).drop_vars("case").assign_attrs(percent)
-    ds["swing"] = (high - low).assign_attrs(long_name="peak-to-peak T_sup in the last hour", units="K")
-    crosses = (low < T_AFTER) & (high > T_AFTER)
-    ds["hunts"] = ((high - low > HUNTS) & crosses).assign_attrs(
-        long_name="hunts by itself", units="1", comment=f"swing above {HUNTS} K across the set-point"
-    )
-    return rehashed(ds.drop_vars(["T_sup", "elapsed_time"]))
+    hunts = (high - low > HUNTS) & (low < T_AFTER) & (high > T_AFTER)
+    found = {
+        "overshoot": ((peak - T_AFTER) / (T_AFTER - T_BEFORE))
+        .drop_vars("case")
+        .assign_attrs(long_name="overshoot of a set-point step without backlash", units="1"),
+        "swing": (high - low).assign_attrs(long_name="peak-to-peak T_sup in the last hour", units="K"),
+        "hunts": hunts.assign_attrs(
+            long_name="hunts by itself", units="1", comment=f"swing above {HUNTS} K across the set-point"
+        ),
+    }
+    return rehashed(ds.drop_vars(["T_sup", "elapsed_time"]).assign(found))
 
 
-def best_gains(
-    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
-) -> dict[str, Loop]:
+def best_gains(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: int | None = None) -> dict[str, Loop]:
     """The tunings with the best gains for the same plant and sample time: of the plain PI, and of the inverse of 95 %.
 
     Best is the lowest mean, over the kinds of days, of the RMSE relative to the lowest one on that kind, of all gains
@@ -302,19 +282,21 @@ def best_gains(
     rows, which = np.unique([loop[n] for n in PLANT], axis=1, return_inverse=True)
     plants = Loop(**{n: xr.DataArray(row, dims="plant") for n, row in zip(PLANT, rows, strict=True)})
     kp, ti = (values[::4] if quick else values for values in (BEST_KP, BEST_TI))
-    cases = {"no backlash": (0.0, 0.0), "best PI": (BACKLASH, 0.0), "best inverse": (BACKLASH, 0.95 * BACKLASH)}
-    sizes = along("case", {n: {"backlash": x, "backlash_estimate": y} for n, (x, y) in cases.items()})
-    swept = plants.assign(noise_std=SEARCH_NOISE, kp=kp, ti=ti, **sizes)
-    is_inverse = xr.DataArray([float(n == "best inverse") for n in cases], coords={"case": list(cases)})
-    swept = swept.assign(buffer=buffers(is_inverse, swept, SEARCH_NOISE))
+    cases = {
+        "no backlash": {"backlash": 0.0, "backlash_estimate": 0.0},
+        "best PI": {"backlash": BACKLASH, "backlash_estimate": 0.0},
+        "best inverse": {"backlash": BACKLASH, "backlash_estimate": 0.95 * BACKLASH},
+    }
+    swept = plants.assign(noise_std=SEARCH_NOISE, kp=kp, ti=ti, **along("case", cases))
+    swept = swept.assign(buffer=buffers(swept, cases, "best inverse", SEARCH_NOISE))
     ds = on_every_kind(swept, kinds, 4 if quick else 8, SEARCH_DAYS, n_jobs)
     rings = (ds["hunts"].sel(case="no backlash", drop=True) > 0.0).any(["kind", "day"])
     cost = relative_cost(ds["rmse"].where(~rings)).stack(gains=GAINS).transpose("case", "plant", "gains")
     best = {}
-    for name in list(cases)[1:]:
+    for name in ("best PI", "best inverse"):
         pairs = cost["gains"].values[cost.sel(case=name).argmin("gains").values[np.ravel(which)]]
-        gains = (xr.DataArray([pair[k] for pair in pairs], coords={"tuning": tuning}) for k in range(len(GAINS)))
-        best[name] = loop.assign(**dict(zip(GAINS, gains, strict=True)))
+        gains = zip(GAINS, zip(*pairs, strict=True), strict=True)
+        best[name] = loop.assign(**{n: xr.DataArray(list(of), coords={"tuning": tuning}) for n, of in gains})
     return best
 
 
@@ -325,22 +307,17 @@ def relative_cost(error: xr.DataArray) -> xr.DataArray:
 
 
 def on_every_kind(
-    loop: Loop, kinds: Mapping[str, Days], hours: float, seeds: Sequence[int], n_jobs: int | None = None
+    loop: Loop, kinds: Kinds, hours: float, seeds: Sequence[int], n_jobs: int | None = None
 ) -> xr.Dataset:
     """Simulate days of every kind, along a dim ``kind``; the kinds have the same seeds and the same noise."""
     found = [simulate(loop, days(hours, seeds), seed=SEED, n_jobs=n_jobs, progress=False) for days in kinds.values()]
     labels = xr.DataArray(list(kinds), dims="kind", name="kind")
-    return rehashed(xr.concat(found, labels, data_vars="all", coords="minimal", compat="override",
-                              combine_attrs="drop_conflicts"))  # fmt: skip
+    how: Any = {"data_vars": "all", "coords": "minimal", "compat": "override", "combine_attrs": "drop_conflicts"}
+    return rehashed(xr.concat(found, labels, **how))
 
 
 def on_days(
-    loop: Loop,
-    best: Mapping[str, Loop],
-    kinds: Mapping[str, Days] = KINDS,
-    *,
-    quick: bool = False,
-    n_jobs: int | None = None,
+    loop: Loop, best: Mapping[str, Loop], kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: int | None = None
 ) -> xr.Dataset:
     """Simulate days: no backlash, plain PIs and inverses of all estimates, without noise, with it, and with a buffer.
 
@@ -359,8 +336,7 @@ def on_days(
     for name, of in best.items():
         gains = {n: xr.DataArray(of[n]).where(names.str.startswith(name), gains[n]) for n in GAINS}
     swept = loop.assign(**along("case", cases), **gains)
-    swept = swept.assign(buffer=_buffers(swept, cases))
-    return on_every_kind(swept, kinds, 8, DAYS[:2] if quick else DAYS, n_jobs)
+    return on_every_kind(swept.assign(buffer=buffers(swept, cases)), kinds, 8, DAYS[:2] if quick else DAYS, n_jobs)
 
 
 def case(ratio: float) -> str:
@@ -368,33 +344,27 @@ def case(ratio: float) -> str:
     return percent(ratio) if ratio else "plain PI"
 
 
-def learning(
-    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
-) -> xr.Dataset:
+def learning(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
     """Simulate the learning rule as printed, faster variants, and the printed rule with noise and with a buffer."""
     cases = {name: LITERAL | rule for name, rule in RULES.items()}
     cases |= {name: LITERAL | {"noise_std": NOISE} for name in ("noise", "noise, buffer")}
-    swept = loop.assign(backlash=BACKLASH, **along("case", cases), buffer=_buffers(loop, cases))
+    swept = loop.assign(backlash=BACKLASH, **along("case", cases), buffer=buffers(loop, cases))
     return on_every_kind(swept, kinds, 8, DAYS[:2] if quick else DAYS, n_jobs)
 
 
-def starts(
-    loop: Loop, kinds: Mapping[str, Days] = KINDS, *, quick: bool = False, n_jobs: int | None = None
-) -> xr.Dataset:
+def start_in_words(start: float, step: float) -> str:
+    """An initial guess of the learner and its step."""
+    return f"{percent(start, decimals=1)} by {percent(step, decimals=2)}"
+
+
+def starts(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: int | None = None) -> xr.Dataset:
     """Simulate the printed rule from several initial guesses with several steps, on days long enough for all."""
-    pairs = STARTS_AND_STEPS[1:3] if quick else STARTS_AND_STEPS
     cases = {
-        f"from {percent(start, 1)} by {percent(step, 2)}": LITERAL | {"backlash_estimate": start, "learning_step": step}
-        for start, step in pairs
+        f"from {start_in_words(start, step)}": LITERAL | {"backlash_estimate": start, "learning_step": step}
+        for start, step in (STARTS_AND_STEPS[1:3] if quick else STARTS_AND_STEPS)
     }
     swept = loop.assign(backlash=BACKLASH, **along("case", cases))
     return on_every_kind(swept, kinds, 12 if quick else LONG_HOURS, LONG_DAYS[:2] if quick else LONG_DAYS, n_jobs)
-
-
-def _buffers(loop: Loop, cases: Mapping[str, Any]) -> xr.DataArray:
-    labels = {"case": np.array(list(cases))}
-    is_buffered = xr.DataArray([float(name.endswith("buffer")) for name in cases], dims="case", coords=labels)
-    return buffers(is_buffered, loop)
 
 
 def coils(*, quick: bool = False) -> xr.Dataset:

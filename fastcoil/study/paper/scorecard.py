@@ -9,7 +9,7 @@ others).  The shares inside and elsewhere say how sharp the region is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -18,9 +18,10 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.machine import package_version
+from fastcoil.base.text import percent
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.paper.claims import CLAIMS, IDENTITIES, Claim
-from fastcoil.study.paper.grid import BACKLASH, SEED, named, percent
+from fastcoil.study.paper.grid import BACKLASH, SEED, named
 
 HOLDS, ONLY_IF, DOES_NOT_HOLD = "holds", "holds only if", "does not hold"
 SURELY = 0.95
@@ -34,27 +35,30 @@ PAIR_GAIN = 0.1
 """By how much the index of a pair of regions must exceed that of any single one."""
 
 
-def _above(name: str, limit: float) -> Callable[[xr.Dataset], xr.DataArray]:
-    return lambda features: features[name] >= limit
+Region = Callable[[xr.Dataset], xr.DataArray]
 
 
-def _below(name: str, limit: float) -> Callable[[xr.Dataset], xr.DataArray]:
-    return lambda features: features[name] <= limit
+def _sides(
+    feature: str, words: Callable[[float], str], above: Sequence[float], below: Sequence[float]
+) -> dict[str, tuple[str, Region]]:
+    """The regions on either side of some limits."""
+
+    def region(limit: float, sign: int) -> tuple[str, Region]:
+        return feature, lambda f: sign * f[feature] >= sign * limit
+
+    more = {f"{words(limit)} or more": region(limit, 1) for limit in above}
+    return more | {f"{words(limit)} or less": region(limit, -1) for limit in below}
 
 
-REGIONS: dict[str, tuple[str, Callable[[xr.Dataset], xr.DataArray]]] = {
+REGIONS: dict[str, tuple[str, Region]] = {
     f"the loop hunts by itself with {percent(BACKLASH)} backlash": ("hunts", lambda f: f["hunts"]),
     "the loop does not hunt by itself": ("hunts", lambda f: ~f["hunts"]),
     "sensor and actuator are ideal": ("ideal", lambda f: f["ideal"]),
     "the sensor lags and the actuator takes its time": ("ideal", lambda f: ~f["ideal"]),
-    **{f"the overshoot is {percent(x)} or more": ("overshoot", _above("overshoot", x)) for x in (0.05, 0.2, 0.4)},
-    **{f"the overshoot is {percent(x)} or less": ("overshoot", _below("overshoot", x)) for x in (0.05, 0.2, 0.4)},
-    **{f"the sample time is {x} s or more": ("sample_time", _above("sample_time", x)) for x in (10, 15, 30)},
-    **{f"the sample time is {x} s or less": ("sample_time", _below("sample_time", x)) for x in (5, 10, 15)},
-    **{f"Ti is {x} s or more": ("ti", _above("ti", x)) for x in (20, 60, 150)},
-    **{f"Ti is {x} s or less": ("ti", _below("ti", x)) for x in (20, 60, 150)},
-    **{f"Kp is {x}/K or more": ("kp", _above("kp", x)) for x in (0.01, 0.02, 0.04)},
-    **{f"Kp is {x}/K or less": ("kp", _below("kp", x)) for x in (0.01, 0.02, 0.04)},
+    **_sides("overshoot", lambda x: f"the overshoot is {percent(x)}", (0.05, 0.2, 0.4), (0.05, 0.2, 0.4)),
+    **_sides("sample_time", "the sample time is {} s".format, (10, 15, 30), (5, 10, 15)),
+    **_sides("ti", "Ti is {} s".format, (20, 60, 150), (20, 60, 150)),
+    **_sides("kp", "Kp is {}/K".format, (0.01, 0.02, 0.04), (0.01, 0.02, 0.04)),
     "at full flow the water of one of eight volumes is renewed in 1 to 1.125 s": (
         "renewal",
         lambda f: (f["renewal"] >= 1.0) & (f["renewal"] < 9 / 8),
@@ -118,11 +122,8 @@ def interval(holds: xr.DataArray) -> tuple[float, float] | None:
     the days' shares, clipped to 0 and 1: few days make it wide, however many tunings there are.
     """
     of_day = holds.mean([d for d in holds.dims if d != "day"])
-    half = _half_width(of_day)
-    if half == 0.0:
-        return None
-    share = float(of_day.mean())
-    return max(share - half, 0.0), min(share + half, 1.0)
+    share, half = float(of_day.mean()), _half_width(of_day)
+    return (max(share - half, 0.0), min(share + half, 1.0)) if half else None
 
 
 def _half_width(of_day: xr.DataArray) -> float:
@@ -142,13 +143,10 @@ def change(holds: xr.DataArray) -> float:
     of two kinds with the same seed are a pair, so it is Student's interval of the mean of their differences.
     """
     of_day = holds.mean([d for d in holds.dims if d not in ("kind", "day")])
-    largest = 0.0
-    for one, other in combinations(range(holds.sizes.get("kind", 1)), 2):
-        differences = of_day.isel(kind=one) - of_day.isel(kind=other)
-        size = abs(float(differences.mean()))
-        if size >= max(MATTERS, largest) and size > _half_width(differences):
-            largest = size
-    return largest
+    pairs = combinations(range(holds.sizes.get("kind", 1)), 2)
+    differences = [of_day.isel(kind=one) - of_day.isel(kind=other) for one, other in pairs]
+    sizes = [(abs(float(difference.mean())), _half_width(difference)) for difference in differences]
+    return max((size for size, half in sizes if size >= MATTERS and size > half), default=0.0)
 
 
 def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
@@ -170,13 +168,12 @@ def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
 
 def _regions(known: xr.Dataset, about: str) -> Iterator[tuple[str, np.ndarray, float]]:
     """Yield words, region (tuning,), and by how much its index must exceed that of the others."""
-    single = [
-        (words, feature, region(known).values)
-        for words, (feature, region) in REGIONS.items()
-        if feature in known and feature != about
-    ]
-    single = [(words, feature, region) for words, feature, region in single if 0 < region.sum() < region.size]
-    yield from ((words, region, 0.0) for words, _, region in single)
+    single: list[tuple[str, str, np.ndarray]] = []
+    for words, (feature, region) in REGIONS.items():
+        inside = region(known).values if feature in known and feature != about else np.zeros(1)
+        if 0 < inside.sum() < inside.size:
+            single.append((words, feature, inside))
+            yield words, inside, 0.0
     for (one, of_one, a), (other, of_other, b) in combinations(single, 2):
         if of_one != of_other and (a & b).any():
             yield f"{one} and {other}", a & b, PAIR_GAIN
@@ -204,7 +201,11 @@ def scorecard(
     one kind of day than on another come first.
     """
     quiet, days = evidence["quiet"], evidence["days"]
-    is_sound = sound(quiet)
+    is_sound, presets = sound(quiet), named(quiet["tuning"])
+    gains = {
+        name: {p: {n: float(days[n].sel(tuning=p, case=name)) for n in ("kp", "ti")} for p in presets}
+        for name in ("best PI", "best inverse")
+    }
     claims = [assess(claim, evidence[claim.evidence], quiet) for claim in CLAIMS]
     return {
         "title": "What holds of Cai and Braun (2016), and where",
@@ -217,19 +218,13 @@ def scorecard(
             "n_left_out": int((~is_sound).sum()),
             "n_tunings": int(is_sound.sum()),
             "n_hunting": int(features(quiet)["hunts"].sel(tuning=is_sound.values).sum()),
-            "presets": named(quiet["tuning"]),
+            "presets": presets,
             **{name: sorted({float(x) for x in quiet[name].values}) for name in ("kp", "ti", "sample_time")},
             "backlash": BACKLASH,
             "day_seeds": [int(d) for d in days["day"]],
             "long_day_seeds": [int(d) for d in evidence["starts"]["day"]],
             "noise_seed": SEED,
-            "best_gains": {
-                name: {
-                    p: {n: float(days[n].sel(tuning=p, case=name)) for n in ("kp", "ti")}
-                    for p in named(quiet["tuning"])
-                }
-                for name in ("best PI", "best inverse")
-            },
+            "best_gains": gains,
             "n_failed": sum(int((ds["status"] != 0).sum()) for ds in evidence.values() if "status" in ds),
             "content_sha256": {name: str(ds.attrs["content_sha256"]) for name, ds in evidence.items()},
         },
@@ -245,13 +240,16 @@ def assess(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
     What is judged on no kind of day, but on the quiet day or on coils, has the name of its evidence for a kind.
     ``change`` is by how much the share differs between the kinds, 0 where that may be chance.
     """
-    holds, numbers = claim.holds(ds), claim.numbers(ds)
+    measured = {"holds": claim.holds(ds)} | claim.numbers(ds)
+    found = xr.Dataset({name: values.reset_coords(drop=True) for name, values in measured.items()})
+    if "kind" not in found.dims:
+        found = found.expand_dims(kind=[claim.evidence])
     of_coils = claim.evidence == "coils"
-    if "kind" not in holds.dims:
-        holds = holds.expand_dims(kind=[claim.evidence])
-        numbers = {name: values.expand_dims(kind=[claim.evidence]) for name, values in numbers.items()}
-    judged = holds if of_coils else holds.sel(tuning=sound(quiet).values)
+    judged = found if of_coils else found.sel(tuning=sound(quiet).values)
     known = coil_features(ds) if of_coils else features(quiet).sel(tuning=judged["tuning"])
+    of_kinds = {
+        str(kind): _of_kind(claim, found.sel(kind=kind), judged.sel(kind=kind), known) for kind in found["kind"].values
+    }
     return {
         "name": claim.name,
         "section": claim.section,
@@ -259,53 +257,38 @@ def assess(claim: Claim, ds: xr.Dataset, quiet: xr.Dataset) -> dict[str, Any]:
         "counts_as_holding": claim.when,
         "note": claim.note,
         "evidence": claim.evidence,
-        "change": change(judged),
+        "change": change(judged["holds"]),
         "n_tunings": int(judged.sizes["tuning"]),
-        "n_days": int(judged.sizes.get("day", 1)),
-        "kinds": {
-            str(kind): _of_kind(
-                claim.name == "hunts",
-                holds.sel(kind=kind),
-                judged.sel(kind=kind),
-                known,
-                {name: values.sel(kind=kind) for name, values in numbers.items()},
-            )
-            for kind in holds["kind"].values
-        },
+        "n_days": int(judged["holds"].sizes.get("day", 1)),
+        "kinds": of_kinds,
     }
 
 
-def _of_kind(
-    of_hunting: bool, holds: xr.DataArray, judged: xr.DataArray, known: xr.Dataset, numbers: Mapping[str, xr.DataArray]
-) -> dict[str, Any]:
+def _of_kind(claim: Claim, found: xr.Dataset, judged: xr.Dataset, known: xr.Dataset) -> dict[str, Any]:
     """The verdict on one kind of day, and the medians of what was measured."""
-    verdict = judge(judged, known, "hunts" if of_hunting else "")
-    hunting = None if of_hunting else _of_hunting(judged, known)
-    presets = named(holds["tuning"])
+    holds, of_hunting = judged["holds"], claim.name == "hunts"
+    verdict = judge(holds, known, "hunts" if of_hunting else "")
+    # tunings that hunt with the backlash, as the paper's does
+    hunts = known["hunts"].values if "hunts" in known and not of_hunting else np.zeros(1, dtype=bool)
+    hunting = holds.sel(tuning=hunts) if hunts.any() else None
+    presets = named(found["tuning"])
+    measured = {p: found.sel(tuning=p) for p in presets} | {"grid": judged}
     return {
         "verdict": verdict.word,
         "condition": verdict.condition,
         "share": verdict.share,
-        "share_interval": interval(judged),
+        "share_interval": interval(holds),
         "share_of_hunting": None if hunting is None else float(hunting.mean()),
         "share_of_hunting_interval": None if hunting is None else interval(hunting),
         "share_where_condition": verdict.inside,
         "share_elsewhere": verdict.elsewhere,
         "verdict_text": verdict.text,
-        "share_of_days": {p: float(holds.sel(tuning=p).mean()) for p in presets},
-        "measured": {p: {n: _median(v.sel(tuning=p)) for n, v in numbers.items()} for p in presets}
-        | {"grid": {n: _median(v.sel(tuning=judged["tuning"])) for n, v in numbers.items()}},
+        "share_of_days": {p: float(found["holds"].sel(tuning=p).mean()) for p in presets},
+        "measured": {p: _medians(values.drop_vars("holds")) for p, values in measured.items()},
     }
 
 
-def _of_hunting(holds: xr.DataArray, known: xr.Dataset) -> xr.DataArray | None:
-    """Select the tunings that hunt with the backlash, as the paper's does; None if no tuning does."""
-    if "hunts" not in known or not known["hunts"].any():
-        return None
-    return holds.sel(tuning=known["hunts"].values)
-
-
-def _median(values: xr.DataArray) -> float | None:
-    """Median over tunings and days; None for a time that never came within the run, or NaN."""
-    value = float(values.median())
-    return value if math.isfinite(value) else None
+def _medians(numbers: xr.Dataset) -> dict[str, float | None]:
+    """Medians over tunings and days; None for a time that never came within the run, or NaN."""
+    medians = {str(name): float(values.median()) for name, values in numbers.data_vars.items()}
+    return {name: value if math.isfinite(value) else None for name, value in medians.items()}

@@ -180,6 +180,6 @@ def test_switches_of_the_figure_are_those_of_the_metric(folder):
 
 def test_the_buffer_is_six_deviations_of_the_noise_on_the_output():
     loop = grid.tunings(quick=True)
-    buffers = runs.buffers(xr.DataArray([0.0, 1.0], dims="case"), loop)
+    buffers = runs.buffers(loop, ["95 %", "95 %, noise, buffer"])
     np.testing.assert_allclose(buffers.isel(case=1), 6 * 0.05 * loop["kp"])
     assert (buffers.isel(case=0) == 1e-9).all()
