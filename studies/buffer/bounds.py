@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.study.analysis.paired import share_of
 from studies.buffer.rule import (
     LOWER_SCALE,
     PER_HOUR,
@@ -27,6 +26,7 @@ from studies.buffer.rule import (
 from studies.buffer.runs import ALLOWED, SHARES, SIZES, SWINGS, Runs, Valves
 from studies.common import pooled, write_table
 from studies.days import CONSTANT
+from studies.shares import share_of
 
 BLOCKS_PER_HOUR = 6.0
 """``switch_frequency`` counts in 10 min."""

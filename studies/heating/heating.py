@@ -16,9 +16,9 @@ from matplotlib.axes import Axes
 
 import fastcoil as fc
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from fastcoil.study.analysis.paired import share_of
 from studies.common import save_figure, write_table
 from studies.heating.backlash import PRESETS, write_backlash
+from studies.shares import share_of
 
 COLOURS = {"heating": BLUE, "heating_45": RED}
 STYLES = {"heating": "-", "heating_45": "--"}

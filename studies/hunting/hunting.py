@@ -16,7 +16,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from fastcoil.study.analysis.paired import share_of
 from fastcoil.study.file.spec import read_study
 from studies.common import STUDIES, progress, results, save_figure, write_table
 from studies.days import kinds
@@ -37,6 +36,7 @@ from studies.hunting.loops import (
     share_written,
     smallest,
 )
+from studies.shares import share_of
 
 SHOWN = ("margin", "formula", "`fc.limit_cycle`")
 

@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
-from fastcoil.study.analysis.paired import Share, share_of
 from studies.common import change_in_words, failures, pooled, save_figure, write_table
 from studies.days import STEPPED
 from studies.learning import learners_runs
@@ -33,6 +32,7 @@ from studies.learning.learners_runs import (
     harmed,
 )
 from studies.learning.learners_runs import LABELS as OF_KINDS
+from studies.shares import Share, share_of
 
 LABELS = {
     PI: "plain PI",

@@ -1,15 +1,11 @@
 """``fc.compare(threshold=…)``: shares of pairs that differ by as much, with intervals over valves and days."""
 
-import math
-
 import numpy as np
 import pytest
-import xarray as xr
 from helpers.results import result
 from scipy import stats
 
 import fastcoil as fc
-from fastcoil.study.analysis.paired import mean_of, share_of
 
 EDGES = ("", "_low", "_high")
 
@@ -159,35 +155,3 @@ def test_metrics_of_several_units_may_share_a_relative_threshold():
     found = fc.compare(ds, baseline={"kp": 0}, over="day", relative=True, threshold=0.05)
     assert float(found.iae.sel(kp=1, statistic="share_below")) == 0.0
     assert "units_metadata" not in found.rmse.attrs  # a share is no difference of temperatures
-
-
-def test_a_share_has_the_interval_of_wilson_where_cases_are_independent_and_a_wider_one_where_days_are_alike():
-    draw = np.random.default_rng(3)
-    alone = xr.DataArray(draw.random(50) < 0.2, dims="sample")
-    p = float(alone.mean())
-    low, high = (
-        (p + 1.96**2 / 100 + s * 1.96 * math.sqrt(p * (1 - p) / 50 + 1.96**2 / 10000)) / (1 + 1.96**2 / 50)
-        for s in (-1, 1)
-    )
-    assert share_of(alone) == pytest.approx((p, low, high), abs=0.003)
-    of_valve = np.repeat(draw.random((50, 1)) < 0.2, 20, axis=1)
-    alike = share_of(xr.DataArray(of_valve, dims=("sample", "day")))
-    free = share_of(xr.DataArray(draw.random((50, 20)) < 0.2, dims=("sample", "day")))
-    assert alike.high - alike.low > 3 * (free.high - free.low)
-    never = share_of(xr.DataArray(np.zeros((50, 20)), dims=("sample", "day")))
-    assert (never.value, never.low) == (0.0, 0.0)
-    assert str(never) == "0 % (0 to 7)"
-
-
-def test_only_what_counts_counts():
-    holds = xr.DataArray([[1, 0], [1, 1], [0, 0]], dims=("sample", "day"))
-    among = xr.DataArray([[1, 1], [1, 1], [0, 0]], dims=("sample", "day"))
-    assert share_of(holds, among) == share_of(holds.isel(sample=[0, 1]))
-    assert share_of(holds, among).value == 0.75
-
-
-def test_a_mean_scatters_with_its_valves_and_with_its_days():
-    of_valve, of_day = np.array([0.0, 1.0, 5.0, 2.0]), np.array([0.3, 2.0, 1.0])
-    middle, half = mean_of(xr.DataArray(of_valve[:, None] + of_day, dims=("sample", "day")))
-    assert middle == pytest.approx(2.0 + 1.1)
-    assert half == pytest.approx(1.96 * math.hypot(stats.sem(of_valve), stats.sem(of_day)))
