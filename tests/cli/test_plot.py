@@ -66,7 +66,7 @@ def test_dots_per_inch_are_those_asked_for(folder):
         (("--relative-to", "backlash=0"), "--relative-to backlash=0: choose one of 0.02, 0.07"),
         (
             ("-x", "backlash", "--by", "day"),
-            "by = 'day' is no dimension of this study; it has backlash, estimate_ratio",
+            "by = 'day' is no dimension of this result; it has backlash, estimate_ratio",
         ),
     ],
 )

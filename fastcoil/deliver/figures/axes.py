@@ -1,4 +1,4 @@
-"""What all figures draw with: axes to draw into, maps, curves, dots, marks, and words for what was pooled."""
+"""What all figures draw with: places to draw into, maps, curves, dots, marks, and words for what was pooled."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.errors import InputError, WrongType
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.figures import DOTTED, STYLE, apply_style, wrapped
 from fastcoil.loops.labels import Quantity, is_parameter, quantity_of
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import RESERVED_DIMS
+from fastcoil.study.analysis.selected import numeric_dims
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
 
 
-COLUMN = 3.5
+_COLUMN = 3.5
 """Width of a figure, inches: 89 mm, a column of a journal."""
 _LETTER, _HANDLE = 0.061, 0.42
 """Widths in a legend, inches: of an average letter, of all before and between the letters."""
@@ -41,19 +42,22 @@ def in_style() -> Iterator[None]:
         yield
 
 
-def one_place(ax: Any, height: float) -> Axes:
-    """The axes that are given, or those of a new figure of this height [inches]."""
-    return places(ax, [height])[0]
-
-
 def places(ax: Any, heights: Sequence[float]) -> list[Axes]:
     """The axes that are given, one for each of ``heights`` [inches], or those of a new figure, one above the other."""
-    if ax is not None:
-        return _given(ax, len(heights))
     import matplotlib.pyplot as plt
+    from matplotlib.axes import Axes
 
+    if ax is not None:
+        n = len(heights)
+        wanted = f"give {n} matplotlib axes, one for each panel," if n > 1 else "give matplotlib axes,"
+        given = list(np.ravel(ax)) if isinstance(ax, (np.ndarray, list, tuple)) else [ax]
+        if not all(isinstance(one, Axes) for one in given):
+            raise InputError(WrongType(f"ax is a {type(ax).__name__}: {wanted} or leave it out"))
+        if len(given) != n:
+            raise InputError(f"ax has {len(given)} axes: {wanted} or leave it out")
+        return given
     figure, panels = plt.subplots(
-        len(heights), squeeze=False, sharex=True, height_ratios=list(heights), figsize=(COLUMN, sum(heights)),
+        len(heights), squeeze=False, sharex=True, height_ratios=list(heights), figsize=(_COLUMN, sum(heights)),
         layout="constrained",
     )  # fmt: skip
     found = list(panels[:, 0])
@@ -65,36 +69,59 @@ def places(ax: Any, heights: Sequence[float]) -> list[Axes]:
     return found
 
 
-def _given(ax: Any, n: int) -> list[Axes]:
-    from matplotlib.axes import Axes
-
-    wanted = f"give {n} matplotlib axes, one for each panel," if n > 1 else "give matplotlib axes,"
-    found = list(ax.ravel()) if isinstance(ax, np.ndarray) else list(ax) if isinstance(ax, (list, tuple)) else [ax]
-    if not all(isinstance(one, Axes) for one in found):
-        raise InputError(WrongType(f"ax is a {type(ax).__name__}: {wanted} or leave it out"))
-    if len(found) != n:
-        raise InputError(f"ax has {len(found)} axes: {wanted} or leave it out")
-    return found
-
-
 def width_of(axes: Axes, ax: Any) -> float:
     """Inches that a text beside or above some axes has."""
-    return 0.8 * COLUMN if ax is None else float(axes.bbox.width / axes.figure.dpi)
+    return 0.8 * _COLUMN if ax is None else float(axes.bbox.width / axes.figure.dpi)
 
 
-def legend_above(axes: Axes, width: float, handles: Sequence[Any] | None = None, **look: Any) -> None:
-    """A legend above its axes, in as many columns as fit; ``handles``: what it names, all that is drawn by default."""
-    if handles is None:
-        handles, _ = axes.get_legend_handles_labels()
+def legend_above(axes: Axes, width: float, **look: Any) -> None:
+    """A legend above its axes, in as many columns as fit."""
+    handles, labels = axes.get_legend_handles_labels()
     if not handles:
         return
-    labels = [fill(str(one.get_label()), _LONGEST) for one in handles]
+    labels = [fill(label, _LONGEST) for label in labels]
     longest = max(len(line) for text in labels for line in text.splitlines())
     columns = max(1, min(len(labels), int(width / (_HANDLE + _LETTER * longest))))
     axes.legend(
         handles, labels, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.2,
         borderpad=0.2, handlelength=1.8, columnspacing=1.0, **look,
     )  # fmt: skip
+
+
+def caption(axes: Axes, words: str, width: float) -> None:
+    """Small print above some axes."""
+    axes.set_title(wrapped(words, width, 7), loc="left", fontsize=7)
+
+
+def swept_axes(values: xr.DataArray, **given: str | None) -> list[str]:
+    """The swept numbers along the axes: those that are given, for the others those that are left."""
+    swept = numeric_dims(values)
+    named = [dim for dim in given.values() if dim is not None]
+    problems = [
+        f"{argument} = {shown(dim)} is not a swept number of this result{nearest(str(dim), swept)}; it has "
+        f"{', '.join(swept) or 'none'}"
+        for argument, dim in given.items()
+        if dim is not None and dim not in swept
+    ]
+    if not problems and len({*named}) < len(named):
+        problems.append(f"{named[0]} is named twice: choose two different axes")
+    if problems:
+        raise InputError(problems)
+    left = [dim for dim in swept if dim not in named]
+    missing = [argument for argument, dim in given.items() if dim is None]
+    if missing and len(left) != len(missing):
+        has = f"this result sweeps {', '.join(swept) or 'no number'}"
+        if len(left) > len(missing):
+            raise InputError(f"{has}: say which is {' and '.join(sorted(missing))}")
+        raise InputError(f"{has}: a figure needs {len(given)} swept number{'s' * (len(given) > 1)}")
+    return [left.pop(0) if dim is None else dim for dim in given.values()]
+
+
+def check_dim(argument: str, dim: str, dims: Sequence[str]) -> None:
+    """Refuse a name that is no dimension."""
+    if dim not in dims:
+        has = ", ".join(dims) or "none"
+        raise InputError(f"{argument} = {shown(dim)} is no dimension of this result{nearest(dim, dims)}; it has {has}")
 
 
 _SIZES = {"backlash", "backlash_estimate"}
@@ -107,7 +134,7 @@ def picked(n: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, n - 1, _CURVES).round())]
 
 
-def pooled_dims(values: xr.DataArray, *shown: str) -> list[str]:
+def pooled_dims(values: xr.DataArray, *shown: str | None) -> list[str]:
     """The dimensions that a figure does not show."""
     return [str(d) for d in values.dims if d not in shown]
 
@@ -119,11 +146,11 @@ def draw_map(axes: Axes, values: xr.DataArray, of: Quantity, x: str, y: str, wid
     """
     of_x, of_y = quantity_of(values, x), quantity_of(values, y)
     label(axes, of_x.axis, of_y.axis, width)
-    shown = of.factor * values.median(pooled_dims(values, x, y)).transpose(y, x)
-    if say_if_empty(axes, shown):
+    middle = of.factor * values.median(pooled_dims(values, x, y)).transpose(y, x)
+    if say_if_empty(axes, middle):
         return None
     mesh = axes.pcolormesh(
-        of_x.factor * values[x], of_y.factor * values[y], shown, cmap="cividis", shading="nearest", rasterized=True
+        of_x.factor * values[x], of_y.factor * values[y], middle, cmap="cividis", shading="nearest", rasterized=True
     )
     axes.grid(visible=False)
     mark_exact(axes, x, y)
@@ -157,9 +184,9 @@ def from_zero(alike: Iterable[Axes], which: Literal["x", "y"]) -> None:
 
 def failed_in_words(ds: xr.Dataset) -> str:
     """How many scenarios of a result failed, as a clause of a heading; empty if none did."""
-    status = ds["status"].values[ds["status"].notnull().values]  # in groups that differ in size places stay empty
-    failed = int((status != STATUS_OK).sum())
-    return f"; without {failed:,} of {status.size:,} scenarios, which failed" if failed else ""
+    known = ds["status"].notnull()  # in groups that differ in size places stay empty
+    failed = int((known & (ds["status"] != STATUS_OK)).sum())
+    return f"; without {failed:,} of {int(known.sum()):,} scenarios, which failed" if failed else ""
 
 
 def mark_exact(axes: Axes, x: str, y: str = "") -> None:
@@ -183,57 +210,50 @@ FEWEST_FOR_A_BAND = 5
 """Fewer members are drawn one by one: their percentiles would be interpolated between two or three numbers."""
 
 
-def _count(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any]) -> int:
-    return math.prod(ds.sizes[d] for d in pooled)
-
-
-def _band(values: xr.DataArray, pooled: list[Any]) -> tuple[xr.DataArray, xr.DataArray]:
-    with warnings.catch_warnings():
-        # where every member is NaN the band has a gap, which says enough
-        warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
-        low, high = values.quantile(BAND, pooled)
-    return low, high
+def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | None, np.ndarray | None]:
+    """Along a dim the band of all others, (2, n), or if they are few their members, (n, members); neither if alone."""
+    pooled = pooled_dims(values, dim)
+    if math.prod(values.sizes[d] for d in pooled) >= FEWEST_FOR_A_BAND:
+        with warnings.catch_warnings():
+            # where every member is NaN the band has a gap, which says enough
+            warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
+            return values.quantile(BAND, pooled), None
+    return None, values.transpose(dim, ...).values.reshape(values.sizes[dim], -1) if pooled else None
 
 
 def draw_curve(axes: Axes, x: xr.DataArray, values: xr.DataArray, *, label: str | None = None, **look: Any) -> None:
     """Draw the median of ``values`` over all dims but that of ``x``, with a band, or with a thin line per member."""
-    pooled = [d for d in values.dims if d not in x.dims]
-    if _count(values, pooled) >= FEWEST_FOR_A_BAND:
-        low, high = _band(values, pooled)
-        axes.fill_between(x, low, high, color=look["color"], alpha=0.2, lw=0)
-    elif pooled:
-        members = values.transpose(*x.dims, ...).values.reshape(x.size, -1)
+    dim = str(x.dims[0])
+    band, members = _band_or_members(values, dim)
+    if band is not None:
+        axes.fill_between(x, *band, color=look["color"], alpha=0.2, lw=0)
+    elif members is not None:
         axes.plot(x, members, color=look["color"], lw=0.5, alpha=0.7)
-    axes.plot(x, values.median(pooled), label=label, **look)
+    axes.plot(x, values.median(pooled_dims(values, dim)), label=label, **look)
 
 
 def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
     """Draw the medians of ``values`` along ``dim`` as dots, with a line from 10 to 90 % or a small dot per member."""
     rows = np.arange(values.sizes[dim])
-    pooled = [d for d in values.dims if d != dim]
-    if _count(values, pooled) >= FEWEST_FOR_A_BAND:
-        low, high = _band(values, pooled)
-        axes.hlines(rows, low, high, color=color, lw=1.0)
-    elif pooled:
-        for member in values.transpose(..., dim).values.reshape(-1, rows.size):
-            axes.plot(member, rows, "o", color=color, ms=2.5, mfc="white", mew=0.7)
-    axes.plot(values.median(pooled), rows, "o", color=color, ms=5)
+    band, members = _band_or_members(values, dim)
+    if band is not None:
+        axes.hlines(rows, *band, color=color, lw=1.0)
+    elif members is not None:
+        axes.plot(members, rows, "o", color=color, ms=2.5, mfc="white", mew=0.7)
+    axes.plot(values.median(pooled_dims(values, dim)), rows, "o", color=color, ms=5)
 
 
-def describe(ds: xr.Dataset | xr.DataArray, pooled: Iterable[Any], median: str, band: str, member: str) -> str:
+def describe(ds: xr.Dataset | xr.DataArray, pooled: Iterable[str], median: str, band: str, member: str) -> str:
     """Say over what a figure pools, and what its marks are: those of the median, of a band, of a single member."""
     pooled = [d for d in pooled if ds.sizes[d] > 1]
     if not pooled:
         return f"{median}: a single scenario"
-    n = _count(ds, pooled)
-    over = " × ".join(_in_words(ds, str(d)) for d in pooled)
+    n = math.prod(ds.sizes[d] for d in pooled)
+    over = " × ".join(_in_words(ds, d) for d in pooled)
     if len(pooled) > 1 and not any(d in ds.coords and "pooled_as" in ds[d].attrs for d in pooled):
         over += f" = {n:,} scenarios"
-    if not band:
-        return f"{median}: median of {over}"
-    if n >= FEWEST_FOR_A_BAND:
-        return f"{median}: median of {over}; {band}: 10th to 90th percentile"
-    return f"{median}: median of {over}; {member}: each of these"
+    marks = f"; {band}: 10th to 90th percentile" if n >= FEWEST_FOR_A_BAND else f"; {member}: each of these"
+    return f"{median}: median of {over}{marks if band else ''}"
 
 
 def _in_words(ds: xr.Dataset | xr.DataArray, dim: str) -> str:
@@ -245,9 +265,7 @@ def _in_words(ds: xr.Dataset | xr.DataArray, dim: str) -> str:
         return f"{size} {dim}s"
     if not is_parameter(ds, dim) or dim not in ds.coords or ds[dim].dtype.kind not in "if":
         return f"{size} values of {dim.replace('_', ' ')}"
-    shown = quantity_of(ds, dim)
+    of = quantity_of(ds, dim)
     low, high = float(ds[dim].min()), float(ds[dim].max())
-    words = f"{size} values of {shown.text} ({low * shown.factor:.3g} to {shown.number(high)}"
-    if dim in ("estimate_ratio", "backlash_estimate") and low == 0.0:
-        words += ", 0 being the plain PI"
-    return words + ")"
+    plain = ", 0 being the plain PI" if dim in ("estimate_ratio", "backlash_estimate") and low == 0.0 else ""
+    return f"{size} values of {of.text} ({low * of.factor:.3g} to {of.number(high)}{plain})"

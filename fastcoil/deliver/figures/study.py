@@ -6,18 +6,18 @@ for each metric, as many abreast as its width takes, and with ``by`` a row of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, names_of, number_of, text_of
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
 from fastcoil.deliver.figures.axes import (
+    check_dim,
     describe,
     draw_curve,
     draw_dots,
@@ -30,10 +30,10 @@ from fastcoil.deliver.figures.axes import (
     picked,
     pooled_dims,
     say_if_empty,
+    swept_axes,
 )
-from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import is_parameter, quantity_of, quantity_of_values
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, metric_meant
+from fastcoil.model.metric_table import METRICS, metric_meant
 from fastcoil.model.parameter_table import CHANCE_DIMS
 from fastcoil.study.analysis.selected import numeric_dims
 
@@ -52,72 +52,65 @@ ESTIMATES = ("estimate_ratio", "backlash_estimate")
 _CONTROL = {**dict.fromkeys(ESTIMATES, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
 """What a plain PI has: it assumes no backlash, and learns none."""
 STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
-_OTHERS: Any = {"color": GREY, "lw": 0.8}
 _ALTERNATIVES = 100  # more rows of names than this are no figure
 
 
+class _Panel(NamedTuple):
+    """values: of its metric, of all rows; row, words: its label of ``by``; lowest: whether it labels its column."""
+
+    axes: Axes
+    values: xr.DataArray
+    row: int | None
+    words: str
+    lowest: bool
+
+
 class _Sheet:
-    """A figure with its panels.  ``of``: what its panels show along their axes; ``width``: inches, None: any."""
+    """A figure with its panels.  of: dimensions that they show; height: of a panel; width: of the figure, inches."""
 
-    def __init__(self, ds: xr.Dataset, metrics: Sequence[str], by: str | None, width: float | None, *of: str) -> None:
-        with checking() as check:
-            check.unless_none(text_of, "by", by)
-            self.abreast = check(panels_abreast, width)
-        if by in of:
-            raise InputError(f"{by} is named twice: choose two different axes")
-        self.ds, self.metrics, self.by, self.width = ds, metrics, by, width
-        self.rows = rows_of(ds, by)
-        self.pooled = pooled_dims(ds["status"], *of, *([by] if by else []))
-
-    def panels(self, height: float, *, one_row: bool = False, **options: Any) -> Figure:
-        """The empty figure; ``height``: of a panel, inches."""
+    def __init__(
+        self, ds: xr.Dataset, metrics: Sequence[str], of: Sequence[str], by: str | None, width: float | None,
+        height: float, *, one_row: bool = False, **shared: Any,
+    ) -> None:  # fmt: skip
         from matplotlib.figure import Figure
 
-        n, abreast = len(self.metrics), self.abreast
-        rows, columns = (len(self.rows), n) if self.by or one_row else (-(-n // min(n, abreast)), min(n, abreast))
-        if self.by and self.width is not None and n > abreast:
+        _check_metrics(ds, metrics)
+        if by in of:
+            raise InputError(f"{by} is named twice: choose two different axes")
+        self.ds, self.rows = ds, rows_of(ds, by)
+        self.pooled = pooled_dims(ds["status"], *of, by)
+        n, abreast = len(metrics), panels_abreast(width)
+        rows, columns = (len(self.rows), n) if by or one_row else (-(-n // min(n, abreast)), min(n, abreast))
+        if by and width is not None and n > abreast:
             raise InputError(
-                f"a figure of {_MILLIMETRES * self.width:.0f} mm takes {abreast} panel{'s' * (abreast > 1)} abreast, "
+                f"a figure of {_MILLIMETRES * width:.0f} mm takes {abreast} panel{'s' * (abreast > 1)} abreast, "
                 f"not one for each of {n} metrics: give fewer, or more width"
             )
-        size = (_PANEL * max(columns, 2) if self.width is None else self.width, height * rows + 0.5)
-        figure = Figure(figsize=size, layout="constrained")
-        self.axes: np.ndarray = figure.subplots(rows, columns, squeeze=False, **options)
-        self.panel = _PANEL if self.width is None else self.width / columns
-        for unused in self.axes.flat[n * len(self.rows) :]:
+        size = (_PANEL * max(columns, 2) if width is None else width, height * rows + 0.5)
+        self.figure = Figure(figsize=size, layout="constrained")
+        axes = self.figure.subplots(rows, columns, squeeze=False, **shared)
+        for unused in axes.flat[n * len(self.rows) :]:
             unused.remove()
-        return figure
+        self.width = _PANEL if width is None else width / columns
+        self.panels = [
+            _Panel(panel, ds[metric], index, words, lowest=not by or k == len(self.rows) - 1)
+            for k, (index, words) in enumerate(self.rows)
+            for panel, metric in zip(axes[k] if by else axes.flat, metrics, strict=False)
+        ]
+        self.alike = axes.T if by else axes.reshape(-1, 1)
+        """Panels that share a scale, in rows."""
 
-    def __iter__(self) -> Iterator[tuple[Axes, str, int | None, str]]:
-        """Each panel with its metric, and the position and words of its row."""
-        for k, (index, words) in enumerate(self.rows):
-            for axes, metric in zip(self.axes[k] if self.by else self.axes.flat, self.metrics, strict=False):
-                yield axes, metric, index, words
-
-    @property
-    def alike(self) -> np.ndarray:
-        """The panels that share a scale, in rows."""
-        alike: np.ndarray = self.axes.T if self.by else self.axes.reshape(-1, 1)
-        return alike
-
-    def is_lowest(self, axes: Axes) -> bool:
-        """Whether a panel has the label of its column."""
-        return not self.by or axes in self.axes[-1]
-
-    def head(self, figure: Figure, *marks: str, more: str = "") -> Figure:
+    def head(self, *marks: str, more: str = "") -> Figure:
         """Write the title of the study, what is pooled and drawn, and how much of it failed."""
         words = describe(self.ds, self.pooled, *marks) + more + failed_in_words(self.ds)
         lines = [str(self.ds.attrs["title"])] if self.ds.attrs.get("title") else []
-        figure.suptitle(wrapped("\n".join([*lines, words]), figure.get_figwidth(), 9))
-        return figure
+        self.figure.suptitle(wrapped("\n".join([*lines, words]), self.figure.get_figwidth(), 9))
+        return self.figure
 
 
 def panels_abreast(width: float | None) -> int:
-    """How many panels stand side by side in a width from 1 to 60 inches."""
-    if width is None:
-        return _ABREAST
-    width = number_of("width", width, "give the width in inches, from 1 to 60", least=1.0, most=60.0)
-    return int(np.clip(width / _NARROWEST, 1, _ABREAST))
+    """How many panels stand side by side in a width in inches."""
+    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
 
 
 @apply_style()
@@ -134,22 +127,22 @@ def maps(
     ``by``: a further dimension, with a row of panels for each name, or for its first, middle and last value.
     ``width``: of the figure, inches.
     """
-    sheet = _Sheet(ds, _check(ds, metrics, x=x, y=y), by, width, x, y)
-    figure = sheet.panels(3.0)
-    meshes: dict[str, list[QuadMesh]] = {}
-    for axes, metric, index, words in sheet:
-        part = ds[metric] if index is None else ds[metric].isel({by: index})
-        shown = quantity_of_values(part)
-        axes.set_title(wrapped("\n".join(filter(None, [words, shown.axis])), 0.8 * sheet.panel, 9))
-        mesh = draw_map(axes, part, shown, x, y, sheet.panel)
+    swept_axes(ds["status"], x=x, y=y)
+    sheet = _Sheet(ds, metrics, (x, y), by, width, 3.0)
+    meshes: dict[Any, list[QuadMesh]] = {}
+    for axes, values, index, words, _ in sheet.panels:
+        part = values if index is None else values.isel({by: index})
+        of = quantity_of_values(part)
+        axes.set_title(wrapped("\n".join(filter(None, [words, of.axis])), 0.8 * sheet.width, 9))
+        mesh = draw_map(axes, part, of, x, y, sheet.width)
         if mesh is not None:
-            meshes.setdefault(metric, []).append(mesh)
-            figure.colorbar(mesh, ax=axes)
+            meshes.setdefault(values.name, []).append(mesh)
+            sheet.figure.colorbar(mesh, ax=axes)
     for alike in meshes.values():  # rows are compared
         limits = [mesh.get_clim() for mesh in alike]
         for mesh in alike:
             mesh.set_clim(min(low for low, _ in limits), max(high for _, high in limits))
-    return sheet.head(figure, "Colour", "", "", more=exact_in_words(x, y))
+    return sheet.head("Colour", "", "", more=exact_in_words(x, y))
 
 
 @apply_style()
@@ -164,29 +157,29 @@ def bands(
 
     ``by``, ``width``: as of ``maps``; what ``by`` names is not pooled.
     """
-    sheet = _Sheet(ds, _check(ds, metrics, x=x), by, width, x)
+    swept_axes(ds["status"], x=x)
     shared: Any = {"sharex": "col", "sharey": "col"} if by else {}
-    figure = sheet.panels(2.2 if by else 2.8, **shared)
+    sheet = _Sheet(ds, metrics, (x,), by, width, 2.2 if by else 2.8, **shared)
     of_x = quantity_of(ds, x)
     along = of_x.factor * ds[x]
-    for axes, metric, index, name in sheet:
-        shown = quantity_of_values(ds[metric])
-        part = values = shown.factor * ds[metric]
-        if by and index is not None:
+    for axes, unscaled, index, words, lowest in sheet.panels:
+        of = quantity_of_values(unscaled)
+        part = values = of.factor * unscaled
+        if index is not None:
             part = values.isel({by: index})
-            axes.set_title(wrapped(name, 0.8 * sheet.panel, 9), loc="left")
-            rest = values.isel({by: [other for other, _ in sheet.rows if other != index]})
-            axes.plot(along, rest.median([d for d in rest.dims if d not in (x, by)]).transpose(x, by), **_OTHERS)
-        draw_curve(axes, along, part, label=name or None, color=BLUE)
-        label(axes, of_x.axis if sheet.is_lowest(axes) else "", shown.axis, sheet.panel)
+            axes.set_title(wrapped(words, 0.8 * sheet.width, 9), loc="left")
+            others = values.isel({by: [other for other, _ in sheet.rows if other != index]})
+            axes.plot(along, others.median(pooled_dims(others, x, by)).transpose(x, by), color=GREY, lw=0.8)
+        draw_curve(axes, along, part, label=words or None, color=BLUE)
+        label(axes, of_x.axis if lowest else "", of.axis, sheet.width)
         mark_exact(axes, x)
-        if "relative_to" in ds[metric].attrs:
+        if "relative_to" in unscaled.attrs:
             axes.axhline(0.0, color="black", lw=0.8)
         say_if_empty(axes, values)
     for alike in sheet.alike:
         from_zero(alike, "y")
     more = ("; grey: medians of the other rows" if by else "") + exact_in_words(x)
-    return sheet.head(figure, "Line", "band", "thin lines", more=more)
+    return sheet.head("Line", "band", "thin lines", more=more)
 
 
 @apply_style()
@@ -201,31 +194,23 @@ def alternatives(
 
     ``by``, ``width``: as of ``bands``.
     """
-    with checking() as check:
-        check(check_result, ds)
-        check(text_of, "dim", dim)
-        metrics = check(_metrics_of, metrics)
-    named = [str(d) for d in ds["status"].dims if d in ds.coords]
-    if dim not in named:
-        known = ", ".join(named) or "none"
-        raise InputError(f"dim = {quoted(dim)} is no dimension of this study{nearest(dim, named)}; it has {known}")
-    sheet, n = _Sheet(ds, metrics, by, width, dim), ds.sizes[dim]
-    # beside the names there is room for one panel less
+    n = ds.sizes[dim]
     shared: Any = {"sharex": "col"} if by else {}
-    figure = sheet.panels(1.0 + 0.22 * n, one_row=width is None, sharey=True, **shared)
-    for axes, metric, index, words in sheet:
-        values = ds[metric] if index is None else ds[metric].isel({by: index})
-        shown = quantity_of_values(values)
-        draw_dots(axes, shown.factor * values, dim, BLUE)
-        axes.set_title(wrapped(words, 0.9 * sheet.panel, 9), loc="left")
-        if sheet.is_lowest(axes):
-            axes.set_xlabel(wrapped(shown.axis, 0.8 * sheet.panel, 9))
-        say_if_empty(axes, values)
+    sheet = _Sheet(ds, metrics, (dim,), by, width, 1.0 + 0.22 * n, one_row=width is None, sharey=True, **shared)
+    for axes, values, index, words, lowest in sheet.panels:
+        part = values if index is None else values.isel({by: index})
+        of = quantity_of_values(part)
+        draw_dots(axes, of.factor * part, dim, BLUE)
+        axes.set_title(wrapped(words, 0.9 * sheet.width, 9), loc="left")
+        if lowest:
+            axes.set_xlabel(wrapped(of.axis, 0.8 * sheet.width, 9))
+        say_if_empty(axes, part)
     for alike in sheet.alike:
         from_zero(alike, "x")
-    sheet.axes[0, 0].set_yticks(np.arange(n), [str(v) for v in ds[dim].values])
-    sheet.axes[0, 0].set_ylim(n - 0.4, -0.6)
-    return sheet.head(figure, "Dot", "line", "small dots")
+    first = sheet.panels[0].axes
+    first.set_yticks(np.arange(n), [str(v) for v in ds[dim].values])
+    first.set_ylim(n - 0.4, -0.6)
+    return sheet.head("Dot", "line", "small dots")
 
 
 def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
@@ -234,7 +219,6 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     A plain PI and an inverse are never pooled: what a figure does not show of them has rows of its own.  A row has as
     many metrics as fit into ``width``, inches.  Nothing is drawn, or imported to draw, before one of them is called.
     """
-    check_result(ds)
     numeric, control = numeric_dims(ds["status"]), control_dims(ds)
     named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
     of_row = [name for name in STANDARD_METRICS if name in ds][: panels_abreast(width)]
@@ -269,9 +253,7 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     if by is None:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
-    if by not in dims:
-        known = ", ".join(dims)
-        raise InputError(f"by = {quoted(by)} is no dimension of this study{nearest(by, dims)}; it has {known}")
+    check_dim("by", by, dims)
     labels = ds[by].values
     if labels.dtype.kind == "f" and is_parameter(ds, by):
         texts = [quantity_of(ds, by).equals(float(label)) for label in labels]
@@ -296,38 +278,11 @@ def _has_plain_pi(ds: xr.Dataset, dim: str) -> bool:
     return bool(alike.any() and not alike.all())
 
 
-def _check(ds: xr.Dataset, metrics: Sequence[str], **dims: str) -> list[str]:
-    """The metrics to draw; ``dims``: the arguments that name axes."""
-    check_result(ds)
-    swept, given = numeric_dims(ds["status"]), list(dims.values())
-    with checking() as check:
-        names = check(_metrics_of, metrics)
-        check.problems += [
-            f"metrics: {m} is not in this result: choose another metric" for m in names or () if m not in ds
-        ]
-        for argument, dim in dims.items():
-            check(_axis_of, argument, dim, swept)
-        if not check.problems and len(set(given)) < len(given):
-            check.problems.append(f"{given[0]} is named twice: choose two different axes")
-    return names
-
-
-def _axis_of(argument: str, dim: str, swept: list[str]) -> None:
-    if text_of(argument, dim) not in swept:
-        axes = ", ".join(swept) or "none"
-        raise InputError(
-            f"{quoted(dim)} is not a swept number of this study{nearest(dim, swept)}; its axes are: {axes}"
-        )
-
-
-def _metrics_of(metrics: Sequence[str]) -> list[str]:
-    names = names_of("metrics", metrics)
-    known = ", ".join(METRICS)
+def _check_metrics(ds: xr.Dataset, metrics: Sequence[str]) -> None:
     problems = [
-        f"metrics: {quoted(m)} is not a metric{metric_meant(m)}; known: {known}"
-        for m in names
-        if m not in METRICS and m not in PREDICTIONS
+        f"metrics: {quoted(name)} is not in this result{metric_meant(name) or nearest(name, METRICS)}"
+        for name in metrics
+        if name not in ds
     ]
     if problems:
         raise InputError(problems)
-    return names

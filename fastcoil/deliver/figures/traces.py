@@ -15,7 +15,7 @@ from fastcoil.base.arguments import checking, instance_of, names_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, STYLE, YELLOW, wrapped
-from fastcoil.deliver.figures.axes import in_style, legend_above, one_place, places, say_if_empty, width_of
+from fastcoil.deliver.figures.axes import caption, in_style, legend_above, places, say_if_empty, width_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import is_parameter, label_in_words, quantity, quantity_of
@@ -29,14 +29,14 @@ _CURE = "give a Dataset of fastcoil.simulate with traces, or one of them such as
 _HOUR = 3600.0
 
 
-class Drawn(NamedTuple):
-    """One scenario of a result: what the legend calls it, blank if there is no other; its variables."""
+class _Drawn(NamedTuple):
+    """One scenario of a result.  words: for the legend; empty if there is no other."""
 
     words: str
     ds: xr.Dataset
 
 
-def traced(data: Any) -> xr.Dataset:
+def _traced(data: Any) -> xr.Dataset:
     """A result that has traces, as a Dataset."""
     if isinstance(data, xr.DataArray):
         if data.name not in TRACES or "elapsed_time" not in data.dims:
@@ -50,7 +50,7 @@ def traced(data: Any) -> xr.Dataset:
     return ds
 
 
-def scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[Drawn]:
+def _scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[_Drawn]:
     """The scenarios of these traces."""
     sizes = {str(d): n for name in names for d, n in ds[name].sizes.items() if d != "elapsed_time"}
     if "volume" in sizes:
@@ -63,25 +63,22 @@ def scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[Drawn]:
     found = []
     for index in np.ndindex(*sizes.values()):
         place = dict(zip(sizes, index, strict=True))
-        differs = [d for d in sizes if sizes[d] > 1]
-        words = ", ".join(_words(ds, d, place[d]) for d in differs)
-        found.append(Drawn(words, ds.isel(place)))
+        words = ", ".join(_words(ds, d, k) for d, k in place.items() if sizes[d] > 1)
+        found.append(_Drawn(words, ds.isel(place)))
     return found
 
 
 def _words(ds: xr.Dataset, dim: str, k: int) -> str:
     """One label of a dim; of a dim that only numbers scenarios, the parameters that go along with it."""
     along = [str(n) for n in ds.coords if n != dim and ds[n].dims == (dim,) and is_parameter(ds, n)]
-    numbered = dim not in ds.coords or (ds[dim].dtype.kind in "iu" and dim not in ("day", "replicate"))
-    if numbered and along and not is_parameter(ds, dim):
-        values = {n: ds[n].values[k] for n in along}
-        return ", ".join(
-            str(v) if isinstance(v, str) else quantity_of(ds, n).equals(float(v)) for n, v in values.items()
-        )
-    return label_in_words(ds, dim, k)
+    is_numbered = dim not in ds.coords or (ds[dim].dtype.kind in "iu" and dim not in ("day", "replicate"))
+    if not along or not is_numbered or is_parameter(ds, dim):
+        return label_in_words(ds, dim, k)
+    values = {n: ds[n].values[k] for n in along}
+    return ", ".join(v if isinstance(v, str) else quantity_of(ds, n).equals(float(v)) for n, v in values.items())
 
 
-def parameter_of(one: xr.Dataset, name: str) -> float:
+def _parameter(one: xr.Dataset, name: str) -> float:
     """A parameter of one scenario."""
     if name in one.coords and one[name].ndim == 0:
         return float(one[name])
@@ -92,7 +89,7 @@ def parameter_of(one: xr.Dataset, name: str) -> float:
         raise InputError(f"data does not say its {text}: give the whole Dataset of fastcoil.simulate") from None
 
 
-def times(one: xr.Dataset) -> tuple[Any, str]:
+def _times(one: xr.Dataset) -> tuple[Any, str]:
     """Where the points of a trace lie along the x axis, and its label: dates where they are known, else hours."""
     if "time" in one.coords and one["time"].dims == ("elapsed_time",):
         zone = one["time"].attrs.get("time_zone", "")
@@ -100,17 +97,10 @@ def times(one: xr.Dataset) -> tuple[Any, str]:
     return one["elapsed_time"].values / _HOUR, "time from the start [h]"
 
 
-def interval_of(one: xr.Dataset) -> float:
-    """Seconds between the points of a trace."""
-    seconds = one["elapsed_time"].values
-    return float(seconds[1] - seconds[0]) if seconds.size > 1 else math.inf
-
-
 _TEMPERATURES = ("T_sup", "T_measured", "T_w_out", "T_w", "T_c", "T_a")
 _VALVE = ("command", "position", "opening", "u", "integral")
 _SHARED = {"temperature [°C]": _TEMPERATURES, "valve [%]": _VALVE}  # panels that several traces share
 _USUAL = ("T_sup", "command", "position", "opening", "estimate")
-_OF_BOUNDARY = "set-point"
 _TALL, _LOW = 1.9, 1.3  # height of the first panel and of the others, inches
 _SET_POINT: Any = {"color": "black", "lw": 0.9, "ls": (0, (4, 2)), "drawstyle": "steps-post"}
 _STEPPED = frozenset(("command", "u", "integral", "estimate", "mode"))
@@ -143,29 +133,24 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
     InputError
         With one sentence for each mistake; for more scenarios than three.
     """
-    ds = traced(data)
+    ds = _traced(data)
     with checking() as check:
         names = check(_names, ds, show)
         check.unless_none(instance_of, "boundary", boundary, Boundary, "give the Boundary that was simulated")
-    found = scenarios_of(ds, names)
+    found = _scenarios_of(ds, names)
     set_points = [] if boundary is None else _set_points(boundary, found)
     panels = _panels(names)
-    panels_axes = places(ax, [_TALL, *[_LOW] * (len(panels) - 1)])
-    for k, (axes, (label, of_panel)) in enumerate(zip(panels_axes, panels.items(), strict=True)):
-        _draw(axes, found, of_panel)
+    drawn_into = places(ax, [_TALL, *[_LOW] * (len(panels) - 1)])
+    for axes, (label, of_panel) in zip(drawn_into, panels.items(), strict=True):
+        _draw(axes, found, of_panel, is_first=axes is drawn_into[0])
         if of_panel[0] in _TEMPERATURES:
             for i, (x, values) in enumerate(set_points):
-                axes.plot(x, values, label="" if i else _OF_BOUNDARY, **_SET_POINT)
+                axes.plot(x, values, label="_" if i else "set-point", **_SET_POINT)
         axes.set_ylabel(wrapped(label, 1.2, 9))
-        legend_above(axes, width_of(axes, ax), _named(axes, found, of_panel, first=k == 0))
-    at, words = times(found[0].ds)
-    is_dated = np.asarray(at).dtype.kind == "M"
-    if is_dated:
-        _dates(panels_axes[-1])
-    panels_axes[-1].set_xlabel(words, loc="left" if is_dated else "center")
-    for axes in panels_axes:
         axes.margins(x=0.0)
-    return panels_axes[0] if len(panels_axes) == 1 else np.array(panels_axes)
+        legend_above(axes, width_of(axes, ax))
+    _label_times(drawn_into[-1], *_times(found[0].ds))
+    return drawn_into[0] if len(drawn_into) == 1 else np.array(drawn_into)
 
 
 def _names(ds: xr.Dataset, show: Any) -> list[str]:
@@ -174,7 +159,6 @@ def _names(ds: xr.Dataset, show: Any) -> list[str]:
     if show is None:
         usual = [n for n in _USUAL if n in there and (n != "estimate" or bool((ds[n] > 0.0).any()))]
         if any(size > 1 for dim, size in ds[there[0]].sizes.items() if dim != "elapsed_time"):
-            # of several scenarios the last of command, position and opening is enough
             valve = [n for n in usual if n in _VALVE]
             usual = [n for n in usual if n not in valve[:-1]]
         return usual or there
@@ -198,30 +182,20 @@ def _panels(names: list[str]) -> dict[str, list[str]]:
     return {quantity(alike[0]).axis if len(alike) == 1 else label: alike for label, alike in found.items()}
 
 
-def _draw(axes: Axes, found: list[Drawn], names: list[str]) -> None:
+def _draw(axes: Axes, found: list[_Drawn], names: list[str], *, is_first: bool) -> None:
     """Scenarios differ in colour and traces in line style; of a single scenario, traces differ in colour."""
     for i, one in enumerate(found):
-        x, _ = times(one.ds)
+        x, _ = _times(one.ds)
         for k, name in enumerate(names):
-            shown = quantity(name)
+            of = quantity(name)
             look: Any = {"color": COLOURS[i], "ls": LINE_STYLES[k % 3]} if one.words else {"color": COLOURS[k % 3]}
+            words = [one.words, of.text if len(names) > 1 or not one.words else ""]
+            label = ", ".join(filter(None, words)) if is_first or len(names) > 1 else "_"
             drawn = "steps-post" if name in _STEPPED else "default"
-            axes.plot(x, shown.factor * one.ds[name], lw=1.0, drawstyle=drawn, label=one.words or shown.text, **look)
+            axes.plot(x, of.factor * one.ds[name], lw=1.0, drawstyle=drawn, label=label, **look)
 
 
-def _named(axes: Axes, found: list[Drawn], names: list[str], *, first: bool) -> list[Any]:
-    """What the legend of a panel names: in the first the scenarios, and traces where there are several."""
-    from matplotlib.lines import Line2D
-
-    lines, _ = axes.get_legend_handles_labels()
-    if not found[0].words:
-        return lines if first or len(names) > 1 else []
-    styles = [Line2D([], [], color="black", ls=LINE_STYLES[k % 3], label=quantity(n).text) for k, n in enumerate(names)]
-    own = [line for line in lines if line.get_label() == _OF_BOUNDARY]
-    return (lines[:: len(names)][: len(found)] + own if first else []) + (styles if len(names) > 1 else [])
-
-
-def _set_points(boundary: Boundary, found: list[Drawn]) -> list[tuple[Any, Array]]:
+def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Any, Array]]:
     """The set-point of each day that is drawn, over the same axis as the traces; days that are alike once."""
     drawn: list[tuple[Any, Array]] = []
     for one in found:
@@ -236,16 +210,19 @@ def _set_points(boundary: Boundary, found: list[Drawn]) -> list[tuple[Any, Array
             raise InputError(f"boundary has {day.n_days} days and the traces do not say of which they are: select one")
         values = day.of_day(0)["T_set"][seconds]
         if not any(np.array_equal(values, other) for _, other in drawn):
-            drawn.append((times(one.ds)[0], values))
+            drawn.append((_times(one.ds)[0], values))
     return drawn
 
 
-def _dates(axes: Axes) -> None:
+def _label_times(axes: Axes, at: Array, words: str) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    locator = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    is_dated = at.dtype.kind == "M"
+    axes.set_xlabel(words, loc="left" if is_dated else "center")
+    if is_dated:
+        locator = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
 
 
 _HEIGHT = 2.4
@@ -271,23 +248,28 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     InputError
         With one sentence for each mistake; for more scenarios than three.
     """
-    ds = traced(data)
+    ds = _traced(data)
     if "estimate" not in ds:
         raise InputError('data has no trace estimate: simulate with traces=["estimate", "mode"]')
-    found = scenarios_of(ds, ["estimate"])
-    gaps = [100.0 * parameter_of(one.ds, "backlash") for one in found]
-    axes = one_place(ax, _HEIGHT)
-    if len(found) == 1 and "mode" in ds and interval_of(found[0].ds) <= parameter_of(found[0].ds, "sample_time"):
-        _chatter(axes, found[0].ds)
-    alike = len({*gaps}) == 1
-    for k, one in enumerate(found):
-        look: Any = {"color": COLOURS[k], "ls": LINE_STYLES[k]}
-        hours = one.ds["elapsed_time"] / _HOUR
-        axes.plot(hours, 100.0 * one.ds["estimate"], drawstyle="steps-post", label=one.words or "estimate", **look)
-        _mark(axes, one.ds, COLOURS[k])
-    for k, gap in enumerate(gaps[:1] if alike else gaps):
-        label = "true backlash" if alike else "" if k else "true backlash of each"
-        axes.axhline(gap, color="black" if alike else COLOURS[k], lw=0.9, ls=":", label=label)
+    found = _scenarios_of(ds, ["estimate"])
+    gaps = [100.0 * _parameter(one.ds, "backlash") for one in found]
+    (axes,) = places(ax, [_HEIGHT])
+    if len(found) == 1 and "mode" in ds:
+        _draw_chatter(axes, found[0].ds)
+    for one, colour, style in zip(found, COLOURS, LINE_STYLES, strict=False):
+        estimate = 100.0 * one.ds["estimate"]
+        hours = estimate["elapsed_time"] / _HOUR
+        axes.plot(hours, estimate, drawstyle="steps-post", label=one.words or "estimate", color=colour, ls=style)
+        for name, mark in (("learn_time_reached", "o"), ("learn_time_confirmed", "s")):
+            at = float(one.ds[name]) if name in one.ds and one.ds[name].ndim == 0 else math.nan
+            if math.isfinite(at):
+                there = float(estimate.sel(elapsed_time=at, method="nearest"))
+                axes.plot(at / _HOUR, there, mark, color=colour, mec="black", mew=0.6, ms=5, ls="none")
+    if len({*gaps}) == 1:
+        axes.axhline(gaps[0], color="black", lw=0.9, ls=":", label="true backlash")
+    else:
+        for k, gap in enumerate(gaps):
+            axes.axhline(gap, color=COLOURS[k], lw=0.9, ls=":", label="_" if k else "true backlash of each")
     axes.set(xlabel="time from the start [h]", ylabel=quantity("estimate").axis)
     axes.margins(x=0.0)
     axes.set_ylim(0.0, 1.15 * max(*gaps, float(100.0 * ds["estimate"].max()), 0.1))
@@ -295,19 +277,13 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     return axes
 
 
-def _mark(axes: Axes, one: xr.Dataset, colour: str) -> None:
-    """Mark where the learner reached and confirmed the backlash, if it did."""
-    for name, mark in (("learn_time_reached", "o"), ("learn_time_confirmed", "s")):
-        at = float(one[name]) if name in one and one[name].ndim == 0 else math.nan
-        if math.isfinite(at):
-            value = float(one["estimate"].sel(elapsed_time=at, method="nearest"))
-            axes.plot(at / _HOUR, 100.0 * value, mark, color=colour, mec="black", mew=0.6, ms=5, ls="none")
-
-
-def _chatter(axes: Axes, one: xr.Dataset) -> None:
+def _draw_chatter(axes: Axes, one: xr.Dataset) -> None:
     """Switches of mode in each block of 10 min, behind the curves, on an axis of their own."""
-    mode, interval = one["mode"].values, interval_of(one)
-    counts, hours = switches(mode, interval)
+    seconds = one["elapsed_time"].values
+    interval = float(seconds[1] - seconds[0]) if seconds.size > 1 else math.inf
+    if interval > _parameter(one, "sample_time"):
+        return
+    counts, hours = switches(one["mode"].values, interval)
     behind = axes.twinx()
     behind.bar(hours, counts, width=SWITCH_BLOCK / _HOUR, align="edge", color=FAINT, lw=0)
     behind.set(ylabel="mode switches per 10 min", ylim=(0.0, max(2.0 * float(counts.max(initial=0.0)), 1.0)))
@@ -321,10 +297,10 @@ def _chatter(axes: Axes, one: xr.Dataset) -> None:
 def switches(mode: Array, interval: float) -> tuple[Array, Array]:
     """Switches of mode in each whole block of 10 min, and where the blocks start [h]."""
     per_block = round(SWITCH_BLOCK / interval)
-    changed = np.concatenate([[0.0], (np.diff(mode.astype(float)) != 0.0).astype(float)])
+    changed = np.diff(mode.astype(float), prepend=mode[0]) != 0.0
     n = changed.size // per_block
-    counts: Array = changed[: n * per_block].reshape(n, per_block).sum(axis=1)
-    return counts, np.asarray(np.arange(n) * per_block * interval / _HOUR, dtype=np.float64)
+    counts = changed[: n * per_block].reshape(n, per_block).sum(axis=1).astype(float)
+    return counts, np.arange(n) * per_block * interval / _HOUR
 
 
 _HEIGHT_OF_SWING = 3.0
@@ -372,10 +348,12 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
         missing = [name for name in _PREDICTED if name not in predicted]
         if missing:
             raise InputError(f"predicted has no {', '.join(missing)}: {cure}")
+    elif "predicted_swing" in ds:
+        names = {name: ds[f"predicted_{name}"] for name in ("margin", "hunts", "period")}
+        predicted = xr.Dataset(names | {"amplitude": 0.5 * ds["predicted_swing"]})
     if all(name in ds for name in _PLANE):
-        return _plane(traced(ds), predicted, ax)
+        return _plane(_traced(ds), predicted, ax)
     check_result(ds)
-    predicted = _predictions_of(ds) if predicted is None else predicted
     if predicted is None:
         raise InputError(
             'data has neither the traces command and opening nor a prediction: simulate with traces=["command", '
@@ -384,21 +362,11 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     return _swings(ds, predicted, ax)
 
 
-def _predictions_of(ds: xr.Dataset) -> xr.Dataset | None:
-    """The predictions of a study, as ``fc.limit_cycle`` names them."""
-    if "predicted_swing" not in ds:
-        return None
-    return xr.Dataset(
-        {name: ds[f"predicted_{name}"] for name in ("margin", "hunts", "period")}
-        | {"amplitude": 0.5 * ds["predicted_swing"]}
-    )
-
-
 def _plane(ds: xr.Dataset, predicted: xr.Dataset | None, ax: Any) -> Axes:
-    found = scenarios_of(ds, _PLANE)
-    gaps = [parameter_of(one.ds, "backlash") for one in found]
-    words = [_compared(one.ds, _prediction_for(one, predicted)) for one in found]
-    axes = one_place(ax, _HEIGHT_OF_SWING)
+    found = _scenarios_of(ds, _PLANE)
+    gaps = [_parameter(one.ds, "backlash") for one in found]
+    lines = [": ".join(filter(None, [one.words, _compared(one.ds, predicted)])) for one in found]
+    (axes,) = places(ax, [_HEIGHT_OF_SWING])
     axes.set(xlabel="command [%]", ylabel="opening [%]")
     if say_if_empty(axes, ds["opening"]):
         return axes
@@ -411,14 +379,12 @@ def _plane(ds: xr.Dataset, predicted: xr.Dataset | None, ax: Any) -> Axes:
         for shift in {0.0, 100.0 * gap}:
             edge = np.clip((ends - shift) / (1.0 - gap), 0.0, 100.0)
             axes.plot(ends, edge, color="black", lw=0.7, ls=DOTTED, zorder=1)
-        low, high = np.fmin.reduce(opening, initial=low), np.fmax.reduce(opening, initial=high)
-    room = max(0.15 * float(high - low), 0.5)
-    axes.set_ylim(float(low) - room, float(high) + room)
+        low, high = float(np.fmin.reduce(opening, initial=low)), float(np.fmax.reduce(opening, initial=high))
+    room = max(0.15 * (high - low), 0.5)
+    axes.set_ylim(low - room, high + room)
     if found[0].words:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
-    lines = [": ".join(filter(None, [one.words, text])) for one, text in zip(found, words, strict=True)]
-    heading = "\n".join([*lines, "dotted: the edges of the gap"])
-    axes.set_title(wrapped(heading, width_of(axes, ax), 7), loc="left", fontsize=7)
+    caption(axes, "\n".join([*lines, "dotted: the edges of the gap"]), width_of(axes, ax))
     return axes
 
 
@@ -429,25 +395,18 @@ def _last_swings(one: xr.Dataset) -> slice:
     return slice(int(np.searchsorted(seconds, seconds[-1] - width)), None)
 
 
-def _prediction_for(one: Drawn, predicted: xr.Dataset | None) -> xr.Dataset | None:
-    """The prediction of one scenario."""
-    if predicted is None:
-        return _predictions_of(one.ds)
-    place = {d: one.ds[d].item() for d in predicted["margin"].dims if d in one.ds.coords and one.ds[d].ndim == 0}
-    with suppress(KeyError, ValueError):
-        predicted = predicted.sel(place)
-    if predicted["margin"].ndim:
-        dims = ", ".join(str(dim) for dim in predicted["margin"].dims)
-        raise InputError(f"predicted has other labels along {dims} than data: give that of the same sweep")
-    return predicted
-
-
 def _compared(one: xr.Dataset, predicted: xr.Dataset | None) -> str:
-    """The simulated and the predicted swing in words."""
+    """The simulated and the predicted swing of one scenario in words."""
     words = []
     if "hunting_swing" in one:
         words.append(f"simulated {_swing(float(one['hunting_swing']), float(one['hunting_period']))}")
     if predicted is not None:
+        place = {d: one[d].item() for d in predicted["margin"].dims if d in one.coords and one[d].ndim == 0}
+        with suppress(KeyError, ValueError):
+            predicted = predicted.sel(place)
+        if predicted["margin"].ndim:
+            dims = ", ".join(str(dim) for dim in predicted["margin"].dims)
+            raise InputError(f"predicted has other labels along {dims} than data: give that of the same sweep")
         margin, hunts, period, amplitude = (float(predicted[name]) for name in _PREDICTED)
         swing = _swing(2.0 * amplitude, period) if hunts > 0.0 else "no swing"
         words.append(f"predicted {swing} (margin {margin:.2g})")
@@ -460,15 +419,16 @@ def _swing(peak_to_peak: float, period: float) -> str:
 
 def _swings(ds: xr.Dataset, predicted: xr.Dataset, ax: Any) -> Axes:
     """The simulated over the predicted swing of every scenario."""
-    seen, swing, hunts = xr.broadcast(ds["hunting_swing"], 2.0 * predicted["amplitude"], predicted["hunts"])
+    seen, swing, hunts, does = xr.broadcast(
+        ds["hunting_swing"], 2.0 * predicted["amplitude"], predicted["hunts"], ds["hunts"]
+    )
     if seen.sizes != ds["hunting_swing"].sizes:
         raise InputError("predicted has other dims or labels than data: give that of the same sweep")
     known = np.isfinite(seen.values) & np.isfinite(hunts.values)
     y, x = seen.values[known], np.nan_to_num(swing.values[known])
-    does = ds["hunts"].broadcast_like(seen).transpose(*seen.dims).values[known] > 0.0
-    axes = one_place(ax, _HEIGHT_OF_SWING)
+    (axes,) = places(ax, [_HEIGHT_OF_SWING])
     for words, is_predicted, is_seen, mark, colour in _KINDS:
-        of_kind = ((hunts.values[known] > 0.0) == is_predicted) & (does == is_seen)
+        of_kind = ((hunts.values[known] > 0.0) == is_predicted) & ((does.values[known] > 0.0) == is_seen)
         label = f"{words}: {int(of_kind.sum()):,}"
         axes.plot(x[of_kind], y[of_kind], mark, color=colour, ms=3.5, mew=0.8, mfc="none", ls="none", label=label)
     top = 1.05 * max(float(x.max(initial=0.1)), float(y.max(initial=0.1)))

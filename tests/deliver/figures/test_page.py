@@ -135,7 +135,7 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept):
 @pytest.mark.parametrize(
     ("by", "sentence"),
     [
-        ("tunin", "by = 'tunin' is no dimension of this study, did you mean 'tuning'?; it has"),
+        ("tunin", "by = 'tunin' is no dimension of this result, did you mean 'tuning'?; it has"),
         ("backlash", "backlash is named twice"),
     ],
 )
