@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
@@ -169,6 +169,12 @@ def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
             raise InputError(f"{path} cannot be written: give a file in a folder that exists")
         commit(path, text.encode())
     return text
+
+
+def toml_table(name: str, values: Mapping[str, object], remark: str = "") -> list[str]:
+    """Lines of a table in TOML notation, after an empty one."""
+    head = f"[{name}]  # {remark}" if remark else f"[{name}]"
+    return ["", head, *(f"{key} = {in_toml(value)}" for key, value in values.items())]
 
 
 def in_toml(value: object) -> str:

@@ -19,7 +19,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.running import within
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.measured.least_squares import FORBIDDEN, Estimate, Model, Uncertainty, minimise, uncertainty
-from fastcoil.measured.part import Part
+from fastcoil.measured.part import Part, unbroken
 from fastcoil.model import moist_air
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.plant import worst_numbers
@@ -31,15 +31,16 @@ LOGS = np.array([True, True, True, False, True, False, True, False])
 """Which of ``COIL`` are searched by their logarithm."""
 LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 """The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
+COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
+"""Parameters that the data may not separate: the first is then held at the value of the second."""
+_AS_DRY = "as that of heat alone"
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
-_LONGEST = 60 * 86400
-_SHORT = 4_000_000
-"""Steps of parameter sets that take about a second."""
+_LONGEST_DAYS = 60
+_SHORT = 4_000_000  # steps of parameter sets that take about a second
 _STILL, _MOSTLY = 0.05, 0.95
 """Air stands still below the first share of the flow that it stays below for the second share of the time."""
-_ROUND_OFF = 1e-6
-"""Of times counted from the start of a piece, s."""
+_ROUND_OFF = 1e-6  # of times counted from the start of a piece, s
 
 
 class Piece(NamedTuple):
@@ -58,26 +59,22 @@ class CoilRun(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What decides whether a coil is stable: largest water flow, least and largest air flow, kg/s, largest dh_s/dT."""
+    """What decides whether a coil is stable."""
 
-    m_w_max: float
-    m_a_span: tuple[float, float]
-    wet_slope: float
+    m_w_max: float  # kg/s
+    m_a_span: tuple[float, float]  # kg/s
+    wet_slope: float  # largest dh_s/dT
 
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """The series that enter the coil second by second, and the seconds of the samples.
+    """The series that enter the coil second by second, and the seconds of the samples."""
 
-    pieces: the unbroken pieces of the log; each starts from ``T_initial``.  m_w, m_a: typical flows of the part to fit,
-    kg/s.  limits, limits_of_all: of stability, in the part to fit and in all of the log.
-    """
-
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Piece, ...]  # each starts from ``T_initial``
     loop: Loop
-    m_w: float
+    m_w: float  # typical flows of the part to fit, kg/s
     m_a: float
-    limits: Limits
+    limits: Limits  # in the part to fit
     limits_of_all: Limits
 
     def until(self, n_samples: int) -> Record:
@@ -107,24 +104,23 @@ class Record:
         matrix = self._matrix(sets)
         of_pieces = [_run(matrix, piece) for piece in self.pieces]
         found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
-        unstable = self._unstable(sets)
+        unstable = self._unstable(sets, self.limits)
         for whole in found:
             whole[:, unstable] = np.nan
         return found
 
     def is_stable(self, x: Array) -> bool:
         """Whether a parameter set (8, 1) is stable over all of the log, the held-back part included."""
-        return not replace(self, limits=self.limits_of_all)._unstable(x)[0]
+        return not self._unstable(x, self.limits_of_all)[0]
 
-    def _unstable(self, sets: Array) -> Mask:
+    def _unstable(self, sets: Array, limits: Limits) -> Mask:
         """Sets (8, sets) with γ or λ above 1 at the flows of ``limits``, (sets,)."""
         matrix = self._matrix(sets)
         # a valve that delivers just that at full opening
-        most = {"m_max": self.limits.m_w_max, "valve_a": 1.0, "valve_b": 100.0, "valve_c": -5.0, "rangeability": np.nan}
+        most = {"m_max": limits.m_w_max, "valve_a": 1.0, "valve_b": 100.0, "valve_c": -5.0, "rangeability": np.nan}
         for name, value in most.items():
             matrix[PARAMETER_ROWS.index(name)] = value
-        air_flows = np.linspace(*self.limits.m_a_span, _AIR_FLOWS)
-        gamma, lam = worst_numbers(matrix, air_flows, self.limits.wet_slope)
+        gamma, lam = worst_numbers(matrix, np.linspace(*limits.m_a_span, _AIR_FLOWS), limits.wet_slope)
         return np.asarray(~((gamma <= 1.0) & (lam <= 1.0)))
 
     def _matrix(self, sets: Array) -> Array:
@@ -139,12 +135,6 @@ def _run(matrix: Array, piece: Piece) -> tuple[Array, ...]:
     if piece.series.shape[0] * matrix.shape[1] < _SHORT or current_thread() is not main_thread():
         return run_coil(matrix, piece.series, piece.at)
     return within(None, lambda: run_coil(matrix, piece.series, piece.at))
-
-
-def residual_rows(found: Array, measured: Array, used: Mask) -> Array:
-    """Modelled less measured, (n, sets): 0 where not compared, ``FORBIDDEN`` where the model could not be run."""
-    r = np.where(used[:, None], found - np.where(used, measured, 0.0)[:, None], 0.0)
-    return np.where(np.isfinite(r), r, FORBIDDEN)
 
 
 def in_operation(log: Log) -> Log:
@@ -172,43 +162,50 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Re
     fitting: (n,), samples of the part to fit; the others have no influence on its scales and limits.
     """
     require_whole_seconds(log.name, log.step)
-    pressure = float(loop["pressure"])  # type: ignore[arg-type]
-    values = log.values | {"W_a_in": log.humidity_ratio(pressure)}
-    if not values["m_w"][fitting].any():
+    values = log.values | {"W_a_in": log.humidity_ratio(number_in(loop, "pressure"))}
+    of_fit = {name: series[fitting] for name, series in values.items()}
+    if not of_fit["m_w"].any():
         raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow")
-    if log.change_of_value:
-        holds = COIL_COLUMNS
-    unbroken = np.split(np.arange(log.time.size), np.flatnonzero(np.diff(log.batch)) + 1)
-    seconds_in_all = sum(log.time[samples[-1]] - log.time[samples[0]] for samples in unbroken)
-    if seconds_in_all > _LONGEST:
-        days = f"{seconds_in_all / 86400:.0f} days: cut it to {_LONGEST // 86400} at most"
-        raise InputError(f"{log.name}: the log lasts {days}, a fit of more takes many minutes")
-    coldest = float(loop["T_initial"])  # type: ignore[arg-type]
+    pieces = unbroken(log.batch)
+    require_days(log, pieces)
+    holds = COIL_COLUMNS if log.change_of_value else holds
+    found = []
+    for i in pieces:
+        time = log.time[i] - log.time[i[0]]
+        seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
+        series = at_seconds(time, {name: values[name][i] for name in COIL_COLUMNS}, seconds, holds, slack=_ROUND_OFF)
+        found.append(Piece(np.stack(list(series.values()), axis=1), np.floor(time + 0.5).astype(np.int64)))
     return Record(
-        pieces=tuple(_piece(log.time[i], {name: values[name][i] for name in COIL_COLUMNS}, holds) for i in unbroken),
+        pieces=tuple(found),
         loop=loop,
-        m_w=_typical(values["m_w"][fitting]),
-        m_a=_typical(values["m_a"][fitting]),
-        limits=_limits({name: series[fitting] for name, series in values.items()}, coldest, pressure),
-        limits_of_all=_limits(values, coldest, pressure),
+        m_w=_typical(of_fit["m_w"]),
+        m_a=_typical(of_fit["m_a"]),
+        limits=_limits(of_fit, loop),
+        limits_of_all=_limits(values, loop),
     )
 
 
-def _limits(values: Mapping[str, Array], T_initial: float, pressure: float) -> Limits:
+def number_in(loop: Loop, name: str) -> float:
+    """A parameter that a loop has one number for."""
+    return float(loop[name])  # type: ignore[arg-type]
+
+
+def require_days(log: Log, pieces: list[Index]) -> None:
+    """Refuse a log of so many days that its fit would take many minutes."""
+    days = sum(log.time[piece[-1]] - log.time[piece[0]] for piece in pieces) / 86400
+    if days > _LONGEST_DAYS:
+        raise InputError(f"{log.name}: the log lasts {days:.0f} days: cut it to {_LONGEST_DAYS} at most")
+
+
+def _limits(values: Mapping[str, Array], loop: Loop) -> Limits:
+    pressure = number_in(loop, "pressure")
     dew_point = float(moist_air.wetting_point(values["W_a_in"].max(), pressure))
-    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), T_initial)
+    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), number_in(loop, "T_initial"))
     return Limits(
         m_w_max=float(values["m_w"].max()),
         m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
         wet_slope=0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure)),
     )
-
-
-def _piece(time: Array, values: dict[str, Array], holds: tuple[str, ...]) -> Piece:
-    time = time - time[0]
-    seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
-    series = at_seconds(time, values, seconds, holds, slack=_ROUND_OFF)
-    return Piece(series=np.stack(list(series.values()), axis=1), at=np.floor(time + 0.5).astype(np.int64))
 
 
 def _typical(flow: Array) -> float:
@@ -218,21 +215,14 @@ def _typical(flow: Array) -> float:
 
 _PRIOR_EXPONENT = {BETA2: -0.2, BETA4: -0.45, BETA6: -0.42}
 """Exponents of turbulent flow: NTU = UA/(m cp) with UA rising as m^0.8 in the tubes, m^0.55 over the fins."""
-_UNKNOWN = {True: 0.7, False: 0.5}
+_UNKNOWN = np.where(LOGS, 0.7, 0.5)
 """A parameter with a larger standard error is not identified: of a logarithm (a factor of 2), of an exponent."""
-_CONSTANT = 0.02
-"""A flow that varies by less than this share is constant."""
+_CONSTANT = 0.02  # a flow that varies by less than this share is constant
 _N_STARTS = 256
-_STEP = 2e-3
-"""Of the differences: long compared with the jumps where a volume turns wet."""
+_STEP = 2e-3  # of the differences: long compared with the jumps where a volume turns wet
 _FEWEST_SAMPLES = 16
-_SMALL_SWING = 0.02
-"""Water stands still below this share of its typical flow: its sensor then says nothing of the coil."""
-_COARSE = 10.0
-"""Between samples further apart than this an input may step, s."""
-COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
-"""Parameters that the data may not separate: the first is then held at the value of the second."""
-_AS_DRY = "as that of heat alone"
+_SMALL_SWING = 0.02  # water stands still below this share of its typical flow: its sensor says nothing of the coil
+_COARSE = 10.0  # between samples further apart than this an input may step, s
 
 
 class CoilSolution(NamedTuple):
@@ -247,16 +237,10 @@ class CoilProblem:
     """The record, which samples of it are compared, and which parameters are held."""
 
     def __init__(
-        self,
-        data: Log,
-        record: Record,
-        outputs: tuple[str, ...],
-        warm_up: float,
-        part: Part,
+        self, data: Log, record: Record, outputs: tuple[str, ...], warm_up: float, part: Part,
         holds: tuple[str, ...] = (),
-    ) -> None:
-        self.data, self.record, self.outputs = data, record, outputs
-        self.notes = list(data.notes)
+    ) -> None:  # fmt: skip
+        self.data, self.record, self.outputs, self.notes = data, record, outputs, list(data.notes)
         self.warm = data.since_batch() >= warm_up
         self.fitting = part.fitted(data)
         self.n_fit = int(self.fitting.sum())
@@ -266,17 +250,16 @@ class CoilProblem:
             for name in ("T_sup", "T_w_out")
             if (values := data.values.get(name)) is not None
         }
-        self._note_what_is_not_compared(warm_up, flowing)
-        compared = self.compared["T_sup"] & self.fitting
-        if compared.sum() < _FEWEST_SAMPLES:
-            raise InputError(
-                f"{data.name}: {counted(compared, 'temperature')} to compare between the warm-up of {warm_up:g} s and "
-                f"the end of the part to fit, at {data.time[self.n_fit - 1]:g} s: give at least {_FEWEST_SAMPLES}, "
-                f"lower warm_up, raise split, or give a longer log ({'; '.join(self.notes) or 'no gaps'})"
+        if data.n_batches > 1:
+            short = data.n_batches - np.unique(data.batch[self.warm]).size
+            self.notes.append(
+                f"{counted(data.n_batches, 'unbroken piece')}, each starting at {record.loop['T_initial']:g} degC, "
+                f"the first {warm_up:g} s of each left out ({short} shorter than that)"
             )
-        T_sup = data.values["T_sup"][compared]
-        if np.ptp(T_sup) == 0.0:
-            raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor")
+        if "T_w_out" in self.compared and not flowing.all():
+            self.notes.append(f"{counted(~flowing, 'sample')} of T_w_out not compared: no water flows")
+        compared = self.compared["T_sup"] & self.fitting
+        require_temperatures(data, compared, _FEWEST_SAMPLES, warm_up, self.notes)
         if data.step > _COARSE and not holds:
             self.notes.append(
                 f"samples are {data.step:g} s apart and the inputs run straight between them: if some hold until the "
@@ -289,18 +272,6 @@ class CoilProblem:
             if np.ptp(values) < _CONSTANT * values.mean():
                 self.held |= {k: f"held at a prior: the {what} flow is constant" for k in exponents}
 
-    def _note_what_is_not_compared(self, warm_up: float, flowing: Mask) -> None:
-        batch = self.data.batch
-        if self.data.n_batches > 1:
-            short = self.data.n_batches - np.unique(batch[self.warm]).size
-            self.notes.append(
-                f"{counted(self.data.n_batches, 'unbroken piece')}, each starting at "
-                f"{self.record.loop['T_initial']:g} degC, the first {warm_up:g} s of each left out "
-                f"({short} shorter than that)"
-            )
-        if "T_w_out" in self.compared and not flowing.all():
-            self.notes.append(f"{counted(~flowing, 'sample')} of T_w_out not compared: no water flows")
-
     def _prior(self) -> Array:
         """The values of parameters that the data do not identify."""
         x = np.array([self._least_C_w() + math.log(1.05), 0.0, math.log(0.35), 0.0, math.log(0.35), 0.0, 0.0, 0.0])
@@ -312,45 +283,52 @@ class CoilProblem:
 
     def _least_C_w(self) -> float:
         """ln of the C_w with γ = 1 at the largest flow."""
-        loop = self.record.loop
-        cp_w, n_volumes, substeps = (float(loop[name]) for name in ("cp_w", "n_volumes", "substeps"))  # type: ignore[arg-type]
+        cp_w, n_volumes, substeps = (number_in(self.record.loop, name) for name in ("cp_w", "n_volumes", "substeps"))
         return math.log(self.record.limits.m_w_max * cp_w * n_volumes / 8.0 / substeps)
 
     def complete(self, sets: Array) -> Array:
         """Parameter sets with the coupled ones filled in: a dry coil's ε* is its ε."""
         sets = sets.copy()
         for k, other in COUPLED.items():
-            if is_coupled(self.held, k):
+            if self.is_coupled(k):
                 sets[k] = sets[other]
         return sets
 
+    def is_coupled(self, k: int) -> bool:
+        """Whether a parameter is held at the value of another."""
+        return self.held.get(k, "").startswith(_AS_DRY)
+
     def model(self) -> Model:
         """The least-squares problem of the part to fit."""
-        part = self.record.until(self.n_fit)
-        n = self.n_fit
-        measured = [self.data.values[name][:n] for name in self.outputs]
-        used = [self.compared[name][:n] for name in self.outputs]
+        n, part = self.n_fit, self.record.until(self.n_fit)
+        compared = [(name, self.data.values[name][:n], self.compared[name][:n]) for name in self.outputs]
 
         def residuals(sets: Array) -> Array:
             run = part.run(self.complete(sets))
-            rows = [residual_rows(getattr(run, o), m, u) for o, m, u in zip(self.outputs, measured, used, strict=True)]
-            return np.concatenate(rows)
+            rows = [
+                np.where(used[:, None], getattr(run, name) - np.where(used, measured, 0.0)[:, None], 0.0)
+                for name, measured, used in compared
+            ]
+            r = np.concatenate(rows)
+            return np.where(np.isfinite(r), r, FORBIDDEN)
 
         low = self._least_C_w()
         lower = np.array([low, low - 5.0, -5.0, -2.0, -5.0, -2.0, -5.0, -2.0])
         upper = np.array([low + 4.0, low + 8.0, 3.0, 1.0, 3.0, 1.0, 3.0, 1.0])
-        segment = np.concatenate([self.data.batch[:n] + k * self.data.n_batches for k in range(len(measured))])
-        return Model(residuals, lower, upper, np.full(8, _STEP), segment, np.concatenate(used))
+        segment = np.concatenate([self.data.batch[:n] + k * self.data.n_batches for k in range(len(compared))])
+        return Model(
+            residuals, lower, upper, np.full(8, _STEP), segment, np.concatenate([used for *_, used in compared])
+        )
 
     def starts(self) -> Array:
         """A space-filling set of physical guesses, (8, sets)."""
         from scipy.stats import qmc
 
         unit = qmc.Sobol(8, seed=0).random(_N_STARTS).T
-        low, least = np.array([0.02, -1.0, -2.5, -0.6, -2.5, -0.7, -0.4, -0.7]), self._least_C_w()
+        low = np.array([0.02, -1.0, -2.5, -0.6, -2.5, -0.7, -0.4, -0.7])
         high = np.array([1.5, 3.0, 1.0, 0.0, 1.0, 0.0, 0.4, 0.0])
         x = low[:, None] + (high - low)[:, None] * unit
-        x[LN_C_W] += least
+        x[LN_C_W] += self._least_C_w()
         x[LN_C_C] += x[LN_C_W]
         x[LN_NTU_STAR] += x[LN_NTU_A]
         for k in self.held:
@@ -359,34 +337,32 @@ class CoilProblem:
 
     def solve(self) -> CoilSolution:
         """Fit, hold parameters that turn out to be unknown, and fit again until all free ones are known."""
-        model, starts = self.model(), self.starts()
-        best = minimise(model, starts, fixed=list(self.held))
+        model = self.model()
+        best = minimise(model, self.starts(), list(self.held))
         run = self.record.until(self.n_fit).run(self.complete(best.x[:, None]))
         wet = run.wet_volumes[self.warm[: self.n_fit], 0]
         if not wet.any():
-            self.held |= {k: f"{_AS_DRY}: the coil is never wet" for k in COUPLED}
-            best = minimise(model, best.x[:, None], fixed=list(self.held))
+            self.held |= dict.fromkeys(COUPLED, f"{_AS_DRY}: the coil is never wet")
+            best = minimise(model, best.x[:, None], list(self.held))
         spread = uncertainty(model, best, list(self.held))
         needed: set[int] = set()
         while (k := self._least_known(model, best, spread, needed)) is not None:
             x = best.x.copy()
             x[k] = self.prior[k]
-            if k in COUPLED:
-                self.held[k] = f"{_AS_DRY}: the data do not tell them apart"
-            else:
-                self.held[k] = "held at a prior: the data do not identify it"
-            tried = minimise(model, x[:, None], fixed=list(self.held))
+            as_dry = f"{_AS_DRY}: the data do not tell them apart"
+            self.held[k] = as_dry if k in COUPLED else "held at a prior: the data do not identify it"
+            tried = minimise(model, x[:, None], list(self.held))
             if tried.rss - best.rss > spread.quantile() ** 2 * spread.variance * spread.inflation[k]:
                 del self.held[k]  # little is known of it, but it is not the prior
                 needed.add(k)
                 continue
             best, needed = tried, set()
             spread = uncertainty(model, best, list(self.held))
-        return CoilSolution(estimate=best, uncertainty=spread, wet_volumes=wet)
+        return CoilSolution(best, spread, wet)
 
     def _least_known(self, model: Model, best: Estimate, spread: Uncertainty, needed: set[int]) -> int | None:
         """The free parameter that the data say least about, if they do not identify it."""
-        error = np.sqrt(np.diag(spread.covariance)) / np.where(LOGS, _UNKNOWN[True], _UNKNOWN[False])
+        error = np.sqrt(np.diag(spread.covariance)) / _UNKNOWN
         span = model.upper - model.lower
         far_down = best.x < model.lower + 1e-6 * span
         far_down[LN_C_W] = False  # a good answer: there the scheme is just stable
@@ -399,6 +375,14 @@ class CoilProblem:
         return k if error[k] > 1.0 and rank[k] > 0.0 else None
 
 
-def is_coupled(held: Mapping[int, str], k: int) -> bool:
-    """Whether a parameter is held at the value of another."""
-    return held.get(k, "").startswith(_AS_DRY)
+def require_temperatures(data: Log, compared: Mask, least: int, warm_up: float, notes: list[str]) -> None:
+    """Refuse a log with fewer than ``least`` temperatures to compare, or with a sensor that stands still."""
+    if compared.sum() < least:
+        raise InputError(
+            f"{data.name}: {counted(compared, 'temperature')} to compare in the part to fit, after the warm-up of "
+            f"{warm_up:g} s: give at least {least}, lower warm_up, raise split, or give a longer log "
+            f"({'; '.join(notes) or 'no gaps'})"
+        )
+    T_sup = data.values["T_sup"][compared]
+    if np.ptp(T_sup) == 0.0:
+        raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor")

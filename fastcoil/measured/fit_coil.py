@@ -13,7 +13,6 @@ import xarray as xr
 from fastcoil.base.arguments import checking, choice_of, number_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
-from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.loop import Loop
@@ -25,7 +24,6 @@ from fastcoil.measured.coil_problem import (
     CoilProblem,
     CoilSolution,
     in_operation,
-    is_coupled,
     record_of,
 )
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, residuals_of, rmse_of
@@ -33,102 +31,12 @@ from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.model.parameter_table import PARAMETERS
 
-_NOTHING = 5.0
-"""Half an interval this wide means nothing: a factor of 150, or an exponent."""
-_MARCH = ("n_volumes", "air_march", "substeps")
-_STABLE = "at the stability limit (γ = 1 at the largest flow)"
-
-
-def coil_fit(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit:
-    """The fit with everything a user may ask of it; ``started``: time of the call, by ``time.perf_counter``."""
-    record, data, notes = problem.record, problem.data, problem.notes
-    best, spread, wet = solution
-    x = problem.complete(best.x[:, None])
-    values = record.values(x)[:, 0]
-    A = record.named() @ _coupling(problem.held)
-    spread_y = A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
-    half = spread.quantile() * np.sqrt(np.diag(spread_y))
-    slope = np.where(LOGS, values, 1.0)
-    covariance = spread_y * np.outer(slope, slope)
-    held = {COIL[k]: why for k, why in sorted(problem.held.items())}
-    for k, variance in enumerate(np.diag(spread.covariance)):
-        if COIL[k] not in held and (math.isinf(variance) or half[k] > _NOTHING):
-            held[COIL[k]] = NOT_UNIQUE
-        if COIL[k] not in held and math.isnan(variance):
-            least = k == LN_C_W and best.x[k] < problem.prior[k]
-            held[COIL[k]] = _STABLE if least else AT_BOUND
-    estimated = [k for k, name in enumerate(COIL) if name not in held]
-    y = A @ x[:, 0]
-    residuals, rmse = _residuals(problem, x)
-    fitted = problem.compared["T_sup"] & problem.fitting
-    notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
-    notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
-    most = record.limits.m_w_max
-    notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
-    marched = {n: record.loop[n] for n in _MARCH if record.loop[n] != PARAMETERS[n].default}
-    if marched:
-        given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
-        notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
-    return Fit(
-        kind="coil",
-        source=data.name,
-        parameters={name: float(v) for name, v in zip(COIL, values, strict=True)},
-        standard_errors={COIL[k]: float(np.sqrt(covariance[k, k])) for k in estimated},
-        intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
-        covariance=labelled(covariance[np.ix_(estimated, estimated)], [COIL[k] for k in estimated]),
-        profile=None,
-        residuals=residuals,
-        rmse=rmse,
-        unit="K",
-        n_used=spread.n_used,
-        n_effective=spread.n_effective,
-        held=held,
-        notes=notes,
-        seconds=time.perf_counter() - started,
-    )
-
-
-def _coupling(held: Mapping[int, str]) -> Array:
-    """Matrix (8, 8) that gives a coupled parameter the value, and the uncertainty, of the other."""
-    C = np.eye(8)
-    for k, other in COUPLED.items():
-        if is_coupled(held, k):
-            C[k, k], C[k, other] = 0.0, 1.0
-    return C
-
-
-def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, float]]:
-    """Measured and modelled temperatures over all samples, and RMSE by part."""
-    data, compared = problem.data, problem.compared
-    found = {name: values[:, 0] for name, values in problem.record.run(x)._asdict().items()}
-    if not problem.record.is_stable(x):
-        for values in found.values():
-            values[~problem.fitting] = np.nan
-        problem.notes.append(
-            f"not validated: the coil is unstable at the flows of the part held back, up to "
-            f"{problem.record.limits_of_all.m_w_max:.3g} kg/s of water: fit a part that has such flows"
-        )
-    of_log = np.where(problem.fitting, FITTING, VALIDATION)
-    part = np.where(compared["T_sup"], of_log, UNUSED)
-    series: dict[str, tuple[Array, str]] = {}
-    rmse: dict[str, float] = {}
-    for name in ("T_sup", "T_w_out"):
-        measured = data.values.get(name, np.full(part.size, np.nan))
-        series |= {
-            name: (measured, "degC"),
-            f"{name}_modelled": (found[name], "degC"),
-            f"{name}_residual": (measured - found[name], "K"),
-        }
-        error = np.where(compared.get(name, False), found[name] - measured, np.nan)
-        rmse |= rmse_of(of_log, {"" if name == "T_sup" else f"_{name}": error})
-    series["wet_volumes"] = (found["wet_volumes"], "1")
-    series |= {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}
-    return residuals_of(data, part, series), rmse
-
-
 OUTPUTS = {"T_sup": ("T_sup",), "both": ("T_sup", "T_w_out")}
 _INPUTS = ("m_w", "m_a", "T_w_in", "T_a_in", *HUMIDITIES)
 _NEEDED = ("m_w", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup")
+_NOTHING = 5.0  # half an interval this wide means nothing: a factor of 150, or an exponent
+_MARCH = ("n_volumes", "air_march", "substeps")
+_STABLE = "at the stability limit (γ = 1 at the largest flow)"
 
 
 def fit_coil(
@@ -219,27 +127,105 @@ def fit_coil(
         optional=("enabled",) if both else ("enabled", "T_w_out"),
         measured=("T_sup", "T_w_out"),
     )
-
-    data = part.of(in_operation(read_log(log, wanted, how)))
-    if part.validation is not None:
-        data = data.followed_by(in_operation(read_log(part.validation, wanted, how)))
+    data = part.read(log, wanted, how, in_operation)
     if "T_w_out" in data.values and not both:
         data.notes.append(
             "T_w_out is compared, but only the error of T_sup is minimised: minimise_on='both', --both uses it too"
         )
     record = record_of(data, loop, held_inputs, part.fitted(data))
     problem = CoilProblem(data, record, OUTPUTS[minimise_on], warm_up, part, held_inputs)
-    return coil_fit(problem, problem.solve(), started)
+    return _fit_of(problem, problem.solve(), started)
 
 
 def _held_inputs(holds: Any) -> tuple[str, ...]:
     """The inputs that hold, under the names that the model has for them."""
     if holds is None:
         return ()
-    names = [holds] if isinstance(holds, str) or not isinstance(holds, Iterable) else list(holds)
-    wrong = [name for name in map(plain, names) if not (isinstance(name, str) and name in _INPUTS)]
+    names = [holds] if isinstance(holds, str) or not isinstance(holds, Iterable) else list(map(plain, holds))
     known = f"choose from {', '.join(_INPUTS)}"
-    if wrong:
-        sentences = {isinstance(name, str): f"holds has {shown(name)}: {known}" for name in wrong}
-        raise InputError([text if of_text else WrongType(text) for of_text, text in sentences.items()])
+    for name in names:
+        if not isinstance(name, str):
+            raise InputError(WrongType(f"holds has {shown(name)}: {known}"))
+        if name not in _INPUTS:
+            raise InputError(f"holds has {shown(name)}: {known}")
     return tuple("W_a_in" if name in HUMIDITIES else name for name in names)
+
+
+def _fit_of(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit:
+    """The fit with everything a user may ask of it."""
+    record, data, notes = problem.record, problem.data, problem.notes
+    best, spread, wet = solution
+    x = problem.complete(best.x[:, None])
+    values = record.values(x)[:, 0]
+    coupling = np.eye(8)  # a coupled parameter has the value, and the uncertainty, of the other
+    for k, other in COUPLED.items():
+        if problem.is_coupled(k):
+            coupling[k, k], coupling[k, other] = 0.0, 1.0
+    A = record.named() @ coupling
+    y, spread_y = A @ x[:, 0], A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
+    half = spread.quantile() * np.sqrt(np.diag(spread_y))
+    scale = np.where(LOGS, values, 1.0)
+    covariance = spread_y * np.outer(scale, scale)
+
+    held = {COIL[k]: why for k, why in sorted(problem.held.items())}
+    for k, variance in enumerate(np.diag(spread.covariance)):
+        if math.isinf(variance) or half[k] > _NOTHING:
+            held.setdefault(COIL[k], NOT_UNIQUE)
+        if math.isnan(variance):
+            held.setdefault(COIL[k], _STABLE if k == LN_C_W and best.x[k] < problem.prior[k] else AT_BOUND)
+    estimated = [k for k, name in enumerate(COIL) if name not in held]
+
+    residuals, rmse = _residuals(problem, x)
+    fitted = problem.compared["T_sup"] & problem.fitting
+    notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
+    notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
+    most = record.limits.m_w_max
+    notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
+    marched = {n: record.loop[n] for n in _MARCH if record.loop[n] != PARAMETERS[n].default}
+    if marched:
+        given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
+        notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
+    return Fit(
+        kind="coil",
+        source=data.name,
+        parameters={name: float(v) for name, v in zip(COIL, values, strict=True)},
+        standard_errors={COIL[k]: math.sqrt(covariance[k, k]) for k in estimated},
+        intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
+        covariance=labelled(covariance[np.ix_(estimated, estimated)], [COIL[k] for k in estimated]),
+        profile=None,
+        residuals=residuals,
+        rmse=rmse,
+        unit="K",
+        n_used=spread.n_used,
+        n_effective=spread.n_effective,
+        held=held,
+        notes=notes,
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, float]]:
+    """Measured and modelled temperatures over all samples, and RMSE by part."""
+    data, compared = problem.data, problem.compared
+    found = {name: values[:, 0] for name, values in problem.record.run(x)._asdict().items()}
+    if not problem.record.is_stable(x):
+        for values in found.values():
+            values[~problem.fitting] = np.nan
+        problem.notes.append(
+            f"not validated: the coil is unstable at the flows of the part held back, up to "
+            f"{problem.record.limits_of_all.m_w_max:.3g} kg/s of water: fit a part that has such flows"
+        )
+    of_log = np.where(problem.fitting, FITTING, VALIDATION)
+    part = np.where(compared["T_sup"], of_log, UNUSED)
+    series: dict[str, tuple[Array, str]] = {}
+    rmse: dict[str, float] = {}
+    for name, ending in (("T_sup", ""), ("T_w_out", "_T_w_out")):
+        modelled, measured = found[name], data.values.get(name, np.full(part.size, np.nan))
+        series[name] = measured, "degC"
+        series[f"{name}_modelled"] = modelled, "degC"
+        series[f"{name}_residual"] = measured - modelled, "K"
+        error = np.where(compared.get(name, False), modelled - measured, np.nan)
+        rmse |= rmse_of(of_log, {ending: error})
+    series["wet_volumes"] = found["wet_volumes"], "1"
+    series |= {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}
+    return residuals_of(data, part, series), rmse

@@ -6,77 +6,29 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, number_of
 from fastcoil.base.errors import shown
-from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style
-from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.loop import Loop
 from fastcoil.measured.coil_problem import in_operation
-from fastcoil.measured.fit import Fit, by_piece, labelled, poor, residuals_of, rmse_of
+from fastcoil.measured.fit import Fit, labelled, poor, residuals_of, rmse_of
 from fastcoil.measured.loop_problem import LARGEST, LoopProblem, LoopSolution
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-
-@apply_style()
-def loop_figure(residuals: xr.Dataset, profile: xr.Dataset, *, identified: bool) -> Figure:
-    """Measured and modelled supply temperature with and without the gap, the command, and the profile.
-
-    residuals, profile: as in the fit.  identified: whether the log identifies the backlash.
-    """
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(10.5, 5.0), layout="constrained")
-    places = fig.add_gridspec(1, 2, width_ratios=(2, 1))
-    left, right = fig.add_subfigure(places[0, 0]), fig.add_subfigure(places[0, 1])
-    above, below = left.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    looks: tuple[tuple[str, str, dict[str, Any]], ...] = (
-        ("T_sup", "measured", {"color": YELLOW, "lw": 2.4}),
-        ("modelled_without_backlash", "modelled without the gap", {"color": RED, "lw": 1.0, "ls": ":"}),
-        ("modelled", "modelled", {"color": BLUE, "lw": 1.0, "ls": "--"}),
-    )
-    for name, label, style in looks:
-        by_piece(above, residuals, name, label=label, **style)
-    above.set_ylabel("supply air [°C]")
-    above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
-    by_piece(below, residuals, "command", 100.0, color=GREY)
-    below.set(xlabel="time [h]", ylabel="command [%]")
-    hours, unused = residuals["elapsed_time"].values / 3600, residuals["part"].values == UNUSED
-    for axes in (above, below):
-        axes.fill_between(
-            hours, 0.0, 1.0, where=unused, transform=axes.get_xaxis_transform(), color=FAINT, lw=0, zorder=0
-        )
-    _profile(right.subplots(), profile, identified)
-    if unused.any():
-        left.supxlabel("Grey: not compared", fontsize=8)
-    return fig
-
-
-def _profile(axes: Axes, ds: xr.Dataset, identified: bool) -> None:
-    axes.plot(100 * ds["backlash"], ds["rmse"], color=BLUE)
-    low, high = (100 * bound for bound in ds.attrs["interval_95"])
-    axes.axvspan(low, high, color=RED, alpha=0.3, lw=0, label="95 % interval")
-    title = f"95 % interval {low:.3g} to {high:.3g} %" if identified else "The backlash is not identified"
-    axes.set(xlabel="backlash [%]", ylabel="RMSE of the changes over two minutes [K]", title=title)
-    axes.legend(loc="upper center")
-
-
 FEWEST_REVERSALS, FEWEST_BLOCKS = 2, 6
 TOLERANCE, GOOD = 0.2, 0.01
 """A size is identified if its interval reaches no further than this share of it, or this share of the stroke."""
-LEAST_EXPLAINED = 0.8
-"""Share of the changes of T_sup below which the model is one of another coil."""
+LEAST_EXPLAINED = 0.8  # share of the changes of T_sup below which the model is one of another coil
+_WANTED = Wanted(
+    needed=("command", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup"), optional=("enabled",), measured=("T_sup",)
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,101 +55,6 @@ class LoopFit(Fit):
     def reason(self) -> str:
         """Why not; empty if identified."""
         return self.held.get("backlash", "")
-
-    def plot(self) -> Figure:
-        """The profile over the backlash, and measured and modelled temperatures, as a matplotlib ``Figure``."""
-        assert self.profile is not None
-        return loop_figure(self.residuals, self.profile, identified=self.identified)
-
-
-def loop_fit(problem: LoopProblem, solution: LoopSolution, started: float) -> LoopFit:
-    """The fit with everything a user may ask of it; ``started``: time of the call, by ``time.perf_counter``."""
-    residuals, rmse = _residuals(problem, solution)
-    fitted = problem.compared & problem.fitting
-    why = why_unidentified(problem, solution)
-    problem.notes += poor(
-        rmse, problem.T_sup[fitted], "T_sup", "units, columns, and whether the loop is that of the log"
-    )
-    known = {} if why else {"backlash": solution.backlash}
-    n = float(fitted.sum())
-    return LoopFit(
-        kind="loop",
-        source=problem.data.name,
-        parameters=known,
-        standard_errors={name: solution.error for name in known},
-        intervals=dict.fromkeys(known, solution.interval),
-        covariance=labelled(np.full((len(known), len(known)), solution.error**2), list(known)),
-        profile=xr.Dataset(
-            {"rmse": ("backlash", solution.rmse, {"units": "K"})},
-            {"backlash": ("backlash", solution.grid, {"units": "1"})},
-            {"interval_95": list(solution.interval)},
-        ),
-        residuals=residuals,
-        rmse=rmse,
-        unit="K",
-        n_used=int(n),
-        n_effective=float(solution.n_blocks),
-        held={"backlash": why} if why else {},
-        notes=problem.notes,
-        seconds=time.perf_counter() - started,
-        extras={
-            "backlash": np.array(solution.backlash),
-            "interval": np.array(solution.interval),
-            "explained": np.array(solution.explained),
-        },
-    )
-
-
-def why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
-    """Why the log does not resolve the backlash; empty if it does."""
-    low, high = solution.interval
-    x = solution.backlash
-    why = ""
-    if problem.n_reversals < FEWEST_REVERSALS:
-        why = (
-            f"the command turns {problem.n_reversals} times by more than 1 % of stroke, and only reversals show "
-            "backlash; give a log in which it goes up and down"
-        )
-    elif solution.n_blocks < FEWEST_BLOCKS:
-        why = f"{solution.n_blocks} half hours are left to compare: give a log of five hours or more"
-    elif problem.is_coarse:
-        why = (
-            f"samples are {problem.data.step:g} s apart and the command moves between them; turns are missed, so that "
-            f"the {x:.3g} that fits best is too small: log every 60 s or faster"
-        )
-    elif not solution.explained > LEAST_EXPLAINED:
-        why = (
-            f"the model explains {100 * max(solution.explained, 0.0):.0f} % of the changes of T_sup: fit the coil "
-            "first, or check units and columns"
-        )
-    elif high >= LARGEST:
-        why = f"the gap is {low:.3g} or more, and {LARGEST:g} is the largest that is tried"
-    elif max(high - x, x - low) > max(TOLERANCE * x, GOOD):
-        why = (
-            f"anything from {low:.3g} to {high:.3g} fits as well (95 %): give a longer log, or one in which the "
-            "set-point goes up and down"
-        )
-    return f"not identified: {why}" if why else ""
-
-
-def _residuals(problem: LoopProblem, solution: LoopSolution) -> tuple[xr.Dataset, dict[str, float]]:
-    """Measured and modelled temperatures over the whole log, also without backlash; RMSE by part."""
-    found, plain, measured = solution.modelled, solution.without_backlash, problem.T_sup
-    part = np.where(problem.compared, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
-    errors = {"": found - measured, "_without_backlash": plain - measured}
-    series = {
-        "T_sup": (measured, "degC"),
-        "modelled": (found, "degC"),
-        "modelled_without_backlash": (plain, "degC"),
-        "residual": (measured - found, "K"),
-        "command": (problem.data.values["command"], "1"),
-    }
-    return residuals_of(problem.data, part, series), rmse_of(part, errors)
-
-
-_WANTED = Wanted(
-    needed=("command", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup"), optional=("enabled",), measured=("T_sup",)
-)
 
 
 def fit_loop(
@@ -268,14 +125,84 @@ def fit_loop(
         if isinstance(loop, Loop) and (loop["slip_jump"] or 0.0) != 0.0:
             check.problems.append("loop has a slip_jump: give it none, a backlash without one is fitted")
 
-    data = part.of(in_operation(read_log(log, _WANTED, how)))
-    if part.validation is not None:
-        data = data.followed_by(in_operation(read_log(part.validation, _WANTED, how)))
-    problem = LoopProblem(data, loop, warm_up, part)
+    problem = LoopProblem(part.read(log, _WANTED, how, in_operation), loop, warm_up, part)
     if problem.is_coarse:
         warnings.warn(
-            f"{data.name}: samples are {data.step:g} s apart and the command moves between them: the backlash comes "
-            "out too small, log every 60 s or faster",
+            f"{problem.data.name}: samples are {problem.data.step:g} s apart and the command moves between them: the "
+            "backlash comes out too small, log every 60 s or faster",
             stacklevel=2,
         )
-    return loop_fit(problem, problem.solve(), started)
+    return _fit_of(problem, problem.solve(), started)
+
+
+def _fit_of(problem: LoopProblem, solution: LoopSolution, started: float) -> LoopFit:
+    """The fit with everything a user may ask of it."""
+    data, measured, fitted = problem.data, problem.T_sup, problem.compared & problem.fitting
+    found, plain = solution.modelled, solution.without_backlash
+    part = np.where(problem.compared, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
+    rmse = rmse_of(part, {"": found - measured, "_without_backlash": plain - measured})
+    series = {
+        "T_sup": (measured, "degC"),
+        "modelled": (found, "degC"),
+        "modelled_without_backlash": (plain, "degC"),
+        "residual": (measured - found, "K"),
+        "command": (data.values["command"], "1"),
+    }
+    why = _why_unidentified(problem, solution)
+    notes = problem.notes + poor(
+        rmse, measured[fitted], "T_sup", "units, columns, and whether the loop is that of the log"
+    )
+    known = {} if why else {"backlash": solution.backlash}
+    return LoopFit(
+        kind="loop",
+        source=data.name,
+        parameters=known,
+        standard_errors={name: solution.error for name in known},
+        intervals=dict.fromkeys(known, solution.interval),
+        covariance=labelled(np.full((len(known), len(known)), solution.error**2), list(known)),
+        profile=xr.Dataset(
+            {"rmse": ("backlash", solution.rmse, {"units": "K"})},
+            {"backlash": ("backlash", solution.grid, {"units": "1"})},
+            {"interval_95": list(solution.interval)},
+        ),
+        residuals=residuals_of(data, part, series),
+        rmse=rmse,
+        unit="K",
+        n_used=int(fitted.sum()),
+        n_effective=float(solution.n_blocks),
+        held={"backlash": why} if why else {},
+        notes=notes,
+        seconds=time.perf_counter() - started,
+        extras={"backlash": np.array(solution.backlash), "interval": np.array(solution.interval)},
+    )
+
+
+def _why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
+    """Why the log does not resolve the backlash; empty if it does."""
+    (low, high), x = solution.interval, solution.backlash
+    why = ""
+    if problem.n_reversals < FEWEST_REVERSALS:
+        why = (
+            f"the command turns {problem.n_reversals} times by more than 1 % of stroke, and only reversals show "
+            "backlash; give a log in which it goes up and down"
+        )
+    elif solution.n_blocks < FEWEST_BLOCKS:
+        why = f"{solution.n_blocks} half hours are left to compare: give a log of five hours or more"
+    elif problem.is_coarse:
+        why = (
+            f"samples are {problem.data.step:g} s apart and the command moves between them; turns are missed, so that "
+            f"the {x:.3g} that fits best is too small: log every 60 s or faster"
+        )
+    elif not solution.explained > LEAST_EXPLAINED:
+        why = (
+            f"the model explains {100 * max(solution.explained, 0.0):.0f} % of the changes of T_sup: fit the coil "
+            "first, or check units and columns"
+        )
+    elif high >= LARGEST:
+        why = f"the gap is {low:.3g} or more, and {LARGEST:g} is the largest that is tried"
+    elif max(high - x, x - low) > max(TOLERANCE * x, GOOD):
+        why = (
+            f"anything from {low:.3g} to {high:.3g} fits as well (95 %): give a longer log, or one in which the "
+            "set-point goes up and down"
+        )
+    return f"not identified: {why}" if why else ""

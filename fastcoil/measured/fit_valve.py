@@ -6,7 +6,7 @@ import math
 import time
 import warnings
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, choice_of, number_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.logs import Log, read_log
+from fastcoil.logs import Log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, residuals_of, rmse_of
 from fastcoil.measured.lag import with_lag, without_lag
@@ -23,156 +23,21 @@ from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, V
 from fastcoil.measured.valve_sampling import judged
 from fastcoil.model.engine.recorded import VALVE_ROWS
 
-_INVERTED = -0.5
-"""With a correlation of command and flow below this the command is probably inverted."""
-_LIVE_ZERO = (0.185, 0.215)
-"""Where the least command of a 2-10 V signal lies if it is read as 0-10 V."""
-_FAR = 0.5
-"""A signal that is never above this says nothing of its range."""
+_WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
+_LEAST_REACH = 0.02  # a command that stays below this share of the stroke has the wrong unit
+_LEAST_SHARE = 0.8  # noise may lift readings above the asymptotic flow, but it is at least this share of them
+_LARGEST_FLOW = 1e6  # of any valve, kg/s
+_FEWEST_ROWS = 3  # rows of a piece, on average: where in its gap a piece starts is one more unknown
+_MANY_PIECES = 50  # a fit of more takes minutes
+_LONGEST_LAG = 86400.0
+
+# what is suspicious about a command
+_INVERTED = -0.5  # its correlation with the flow is below this
+_LIVE_ZERO = (0.185, 0.215)  # where the least command of a 2-10 V signal lies if it is read as 0-10 V
+_FAR = 0.5  # a signal that is never above this says nothing of its range
 _LOWEST, _CLOSED = 0.02, 0.1
 """At commands this close to the least, a closed valve passes no more than this share of the largest flow."""
 _FEWEST = 3
-
-
-class Suspicions(NamedTuple):
-    """Sentences for the user, each with its cure; whether the command is inverted, the first of them then."""
-
-    notes: list[str]
-    inverted: bool
-
-
-def suspicions(command: Array, flow: Array) -> Suspicions:
-    """What the samples that are fitted show, (n,) each: fractions of stroke, kg/s."""
-    with np.errstate(invalid="ignore", divide="ignore"):  # a command that is constant here
-        correlation = float(np.corrcoef(command, flow)[0, 1])
-    if correlation < _INVERTED:
-        return Suspicions(
-            ["the flow falls as the command rises: if a full command closes the valve, log 1 - command"], True
-        )
-    least = float(command.min())
-    lowest = flow[command <= least + _LOWEST]
-    closed = lowest.size >= _FEWEST and float(np.median(lowest)) <= _CLOSED * float(flow.max())
-    if _LIVE_ZERO[0] <= least <= _LIVE_ZERO[1] and command.max() > _FAR and closed:
-        return Suspicions(
-            [
-                f"the valve is closed at a command of {least:.2g} and the command never falls below: it looks like a "
-                "signal of 2-10 V that was read as 0-10 V, which makes the backlash a fifth too small; declare its "
-                "unit, units={'command': 'V 2-10'}, --unit command='V 2-10', or log (command - 0.2) / 0.8"
-            ],
-            False,
-        )
-    return Suspicions([], False)
-
-
-def valve_fit(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
-    """The fit with everything a user may ask of it.
-
-    holds: the command holds between the rows.  started: time of the call, by ``time.perf_counter``.
-    """
-    best, spread, profiled = solution.estimate, solution.uncertainty, solution.profile
-    fitted = problem.good & problem.fitting
-    of_signal = suspicions(problem.command[fitted], problem.flow[fitted])
-    natural = best.x[:5].copy()
-    natural[list(LOGS)] = np.exp(natural[list(LOGS)])
-    slope = np.where(np.isin(np.arange(5), LOGS), natural, 1.0)
-    covariance = spread.covariance[:5, :5] * np.outer(slope, slope)
-    found = judged(problem, solution, holds or of_signal.inverted or problem.data.change_of_value)
-    why = f"not identified: {of_signal.notes[0]}" if of_signal.inverted else found.why
-    covariance = _as_wide(covariance, profiled.interval, found.interval)
-    profiled = profiled._replace(interval=found.interval)
-    held = {"backlash": why} if why else {}
-    if M_MAX in solution.fixed:
-        held["m_max"] = "given"
-    for name, variance in zip(VALVE_ROWS[1:], np.diag(spread.covariance)[1:5], strict=True):
-        if math.isnan(variance) and name not in held:
-            held[name] = AT_BOUND
-        elif math.isinf(variance) and name not in held:
-            held[name] = NOT_UNIQUE
-    parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
-    estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
-    half = spread.quantile() * np.sqrt(np.diag(spread.covariance)[:5])
-    bounds = [natural_interval(best.x[k], half[k], k in LOGS) for k in range(5)]
-    bounds[X_BL] = profiled.interval
-    intervals = {VALVE_ROWS[k]: bounds[k] for k in estimated}
-    if why:
-        del parameters["backlash"]
-        problem.notes.append(
-            f"the curve belongs to a backlash of {round(natural[X_BL], 4):g}, which is not identified: "
-            "sweep it in a study"
-        )
-    reach = float(problem.command[: problem.n_fit].max())
-    if reach < 0.9:
-        problem.notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
-    problem.notes += [*of_signal.notes, *filter(None, [found.note])]
-    n_compared = solution.model.used.sum()
-    residuals, rmse = _residuals(problem, solution)
-    problem.notes += poor(rmse, problem.flow[fitted], "m_w", "units, columns, and whether the pump ran")
-    errors = np.sqrt(np.diag(covariance))
-    return Fit(
-        kind="valve",
-        source=problem.data.name,
-        parameters=parameters,
-        standard_errors={VALVE_ROWS[k]: float(errors[k]) for k in estimated},
-        intervals=intervals,
-        covariance=labelled(covariance[np.ix_(estimated, estimated)], [VALVE_ROWS[k] for k in estimated]),
-        profile=xr.Dataset(
-            {"rmse": ("backlash", np.sqrt(profiled.sums / n_compared), {"units": "kg s-1"})},
-            {"backlash": ("backlash", profiled.grid, {"units": "1"})},
-            {"limit": math.sqrt(profiled.limit / n_compared), "interval_95": list(profiled.interval)},
-        ),
-        residuals=residuals,
-        rmse=rmse,
-        unit="kg/s",
-        n_used=spread.n_used,
-        n_effective=spread.n_effective,
-        held=held,
-        notes=problem.notes,
-        seconds=time.perf_counter() - started,
-        extras={"floor": np.array(problem.floor)} | {"curve": natural},
-    )
-
-
-def _as_wide(covariance: Array, before: tuple[float, float], after: tuple[float, float]) -> Array:
-    """The covariance with the deviation of the backlash as much larger as its interval has become."""
-    factor = np.ones(covariance.shape[0])
-    factor[X_BL] = max((after[1] - after[0]) / max(before[1] - before[0], 1e-12), 1.0)
-    return np.asarray(covariance * np.outer(factor, factor))
-
-
-def _residuals(problem: ValveProblem, solution: ValveSolution) -> tuple[xr.Dataset, dict[str, float]]:
-    """Measured and modelled flows over the whole log, also without backlash; RMSE by part."""
-    n, n_batches = problem.command.size, int(problem.batch[-1]) + 1
-    modelled = []
-    for one in (solution.estimate, solution.without_backlash):
-        start = np.full((n_batches, 1), 0.5)  # unknown for a batch held back
-        start[: one.x.size - 5, 0] = one.x[5:]
-        modelled.append([a[:, 0] for a in problem.flows(one.x[:5, None], start, n)])
-    (openings, flow), (_, plain) = modelled
-    part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
-    errors = {"": flow - problem.flow, "_without_backlash": plain - problem.flow}
-    series = {
-        "m_w": (problem.flow, "kg s-1"),
-        "modelled": (flow, "kg s-1"),
-        "modelled_without_backlash": (plain, "kg s-1"),
-        "residual": (problem.flow - flow, "kg s-1"),
-        "command": (problem.command, "1"),
-        "opening": (openings, "1"),
-    }
-    return residuals_of(problem.data, part, series), rmse_of(part, errors)
-
-
-_LEAST_REACH = 0.02
-"""A command that stays below this share of the stroke has the wrong unit."""
-_LEAST_SHARE = 0.8
-"""Noise may lift readings above the asymptotic flow, but it is at least this share of them."""
-_LARGEST_FLOW = 1e6
-"""Of any valve, kg/s."""
-_FEWEST_ROWS = 3
-"""Rows of a piece of the log, on average: where in its gap a piece starts is one more unknown."""
-_LONGEST_LAG = 86400.0
-_MANY_PIECES = 50
-"""A fit of more takes minutes."""
-_WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 
 
 def fit_valve(
@@ -259,20 +124,15 @@ def fit_valve(
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
         part = checked_part(check, split, fit_until, validation)
 
-    data = part.of(read_log(log, _WANTED, how))
-    _check_order(data)
+    data = part.read(log, _WANTED, how, _in_order)
     _check(data, floor, m_max)
-    if part.validation is not None:
-        to_validate = read_log(part.validation, _WANTED, how)
-        _check_order(to_validate)
-        data = data.followed_by(to_validate)
     if isinstance(lag, float):
         data = with_lag(data, lag)
     problem = ValveProblem(data, floor, settle, part)
     if lag == "auto":
         moved = without_lag(data, problem.good, problem.fitting)
         problem = problem if moved is data else ValveProblem(moved, floor, settle, part)
-    return valve_fit(problem, problem.solve(m_max, initial), holds is not None, started)
+    return _fit_of(problem, problem.solve(m_max, initial), holds is not None, started)
 
 
 def _lag_of(lag: Any) -> float | str:
@@ -283,7 +143,7 @@ def _lag_of(lag: Any) -> float | str:
     return float(number_of("lag", lag, cure, least=-_LONGEST_LAG, most=_LONGEST_LAG))
 
 
-def _check_order(data: Log) -> None:
+def _in_order(data: Log) -> Log:
     """Refuse a log that is no record in time, before any work; warn of one whose fit takes long."""
     n_back, n_rows, n_pieces = int((np.diff(data.time) <= 0.0).sum()), data.time.size, data.n_batches
     if 2 * n_back > n_rows:
@@ -291,37 +151,153 @@ def _check_order(data: Log) -> None:
             f"{data.name}: time goes back after {n_back:,} of {n_rows:,} rows: the log looks reversed, newest row "
             "first; sort its rows, oldest first"
         )
+    unknown = "each with a start of its own to be found"
     if n_rows < _FEWEST_ROWS * n_pieces:
         raise InputError(
-            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, each with a start of its own to be found: "
-            f"give at least {_FEWEST_ROWS} rows for each piece; where gaps cut the log, pass max_gap to bridge them, "
-            "where time goes back, sort the rows, oldest first"
+            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, {unknown}: give at least {_FEWEST_ROWS} "
+            "rows for each piece; where gaps cut the log, pass max_gap to bridge them, where time goes back, sort the "
+            "rows, oldest first"
         )
     if n_pieces > _MANY_PIECES:
         warnings.warn(
-            f"{data.name} is in {n_pieces:,} pieces, each with a start of its own to be found: this takes minutes; "
-            "where gaps cut the log, max_gap bridges them",
-            stacklevel=3,
+            f"{data.name} is in {n_pieces:,} pieces, {unknown}: this takes minutes; where gaps cut the log, max_gap "
+            "bridges them",
+            stacklevel=4,
         )
+    return data
 
 
 def _check(data: Log, floor: float | None, m_max: float | None) -> None:
-    command, flow = data.values["command"], data.values["m_w"]
-    problems = []
-    if np.isfinite(flow).sum() < FEWEST_SAMPLES:
-        problems.append(f"{data.name}: {np.isfinite(flow).sum()} flows: give at least {FEWEST_SAMPLES}")
-    for name, values in (("command", command), ("m_w", flow[np.isfinite(flow)])):
-        if values.size and np.ptp(values) == 0.0:
-            problems.append(
-                f"{data.name}: {name} is {values[0]:g} from row {data.rows[0]} to row {data.rows[-1]}: "
-                "give a log in which the valve moves"
-            )
-    top, reach = float(np.nanmax(flow)), float(command.max())
+    """Refuse arguments that do not fit the log, and a log in which the valve stands still."""
+    first = data.source == 0
+    command, flow = data.values["command"][first], data.values["m_w"][first]
+    known = flow[np.isfinite(flow)]
+    top, reach = float(known.max()), float(command.max())
+    still = (
+        f"{name} is {values[0]:g} from row {data.rows[first][0]} to row {data.rows[first][-1]}: give a log in which "
+        "the valve moves"
+        for name, values in (("command", command), ("m_w", known))
+        if np.ptp(values) == 0.0
+    )
+    problems = [f"{known.size} flows: give at least {FEWEST_SAMPLES}"] if known.size < FEWEST_SAMPLES else []
+    problems += still
     if reach < _LEAST_REACH:
-        problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
+        problems.append(f"command is never above {reach:.3g} of the stroke: check its unit")
+    problems = [f"{data.name}: {problem}" for problem in problems]
     if floor is not None and floor >= top:
         problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, lower it")
     if m_max is not None and m_max < _LEAST_SHARE * top:
         problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
     if problems:
         raise InputError(problems)
+
+
+def _is_inverted(command: Array, flow: Array) -> bool:
+    with np.errstate(invalid="ignore", divide="ignore"):  # a command that is constant here
+        return float(np.corrcoef(command, flow)[0, 1]) < _INVERTED
+
+
+def has_live_zero(command: Array, flow: Array) -> bool:
+    """Whether the samples look like a signal of 2-10 V that was read as 0-10 V: closed at 20 %, never below."""
+    least = float(command.min())
+    lowest = flow[command <= least + _LOWEST]
+    closed = lowest.size >= _FEWEST and float(np.median(lowest)) <= _CLOSED * float(flow.max())
+    return bool(_LIVE_ZERO[0] <= least <= _LIVE_ZERO[1] and command.max() > _FAR and closed)
+
+
+def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
+    """The fit with everything a user may ask of it; ``holds``: the command holds between the rows."""
+    best, spread, profiled, notes = solution.estimate, solution.uncertainty, solution.profile, problem.notes
+    fitted = problem.good & problem.fitting
+    command, flow = problem.command[fitted], problem.flow[fitted]
+    natural = best.x[:5].copy()
+    natural[list(LOGS)] = np.exp(natural[list(LOGS)])
+    inverted = _is_inverted(command, flow)
+    found = judged(problem, solution, holds or inverted or problem.data.change_of_value)
+    of_signal = []
+    if inverted:
+        of_signal = ["the flow falls as the command rises: if a full command closes the valve, log 1 - command"]
+        found = found._replace(why=f"not identified: {of_signal[0]}")
+    elif has_live_zero(command, flow):
+        of_signal = [
+            f"the valve is closed at a command of {command.min():.2g} and the command never falls below: it looks like "
+            "a signal of 2-10 V that was read as 0-10 V, which makes the backlash a fifth too small; declare its unit, "
+            "units={'command': 'V 2-10'}, --unit command='V 2-10', or log (command - 0.2) / 0.8"
+        ]
+
+    variances = np.diag(spread.covariance)[:5]
+    held = {"backlash": found.why} if found.why else {}
+    if M_MAX in solution.fixed:
+        held["m_max"] = "given"
+    for name, variance in list(zip(VALVE_ROWS, variances, strict=True))[1:]:
+        if not math.isfinite(variance):
+            held.setdefault(name, AT_BOUND if math.isnan(variance) else NOT_UNIQUE)
+    estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
+    names = [VALVE_ROWS[k] for k in estimated]
+    half = spread.quantile() * np.sqrt(variances)
+    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], k in LOGS) for k in estimated}
+    if not found.why:
+        intervals["backlash"] = found.interval
+    # the deviation of the backlash is as much larger as its interval has become
+    scale = np.where(np.isin(np.arange(5), LOGS), natural, 1.0)
+    covariance = spread.covariance[:5, :5] * np.outer(scale, scale)
+    widths = [high - low for low, high in (found.interval, profiled.interval)]
+    factor = np.where(np.arange(5) == X_BL, max(widths[0] / max(widths[1], 1e-12), 1.0), 1.0)
+    covariance = covariance * np.outer(factor, factor)
+
+    parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
+    if found.why:
+        x = parameters.pop("backlash")
+        notes.append(
+            f"the curve belongs to a backlash of {round(x, 4):g}, which is not identified: sweep it in a study"
+        )
+    reach = float(problem.command[: problem.n_fit].max())
+    if reach < 0.9:
+        notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
+    notes += [*of_signal, *filter(None, [found.note])]
+    residuals, rmse = _residuals(problem, solution)
+    notes += poor(rmse, flow, "m_w", "units, columns, and whether the pump ran")
+    n_compared = solution.model.used.sum()
+    return Fit(
+        kind="valve",
+        source=problem.data.name,
+        parameters=parameters,
+        standard_errors={VALVE_ROWS[k]: math.sqrt(covariance[k, k]) for k in estimated},
+        intervals=intervals,
+        covariance=labelled(covariance[np.ix_(estimated, estimated)], names),
+        profile=xr.Dataset(
+            {"rmse": ("backlash", np.sqrt(profiled.sums / n_compared), {"units": "kg s-1"})},
+            {"backlash": ("backlash", profiled.grid, {"units": "1"})},
+            {"limit": math.sqrt(profiled.limit / n_compared), "interval_95": list(found.interval)},
+        ),
+        residuals=residuals,
+        rmse=rmse,
+        unit="kg/s",
+        n_used=spread.n_used,
+        n_effective=spread.n_effective,
+        held=held,
+        notes=notes,
+        seconds=time.perf_counter() - started,
+        extras={"floor": np.array(problem.floor), "curve": natural},
+    )
+
+
+def _residuals(problem: ValveProblem, solution: ValveSolution) -> tuple[xr.Dataset, dict[str, float]]:
+    """Measured and modelled flows over the whole log, also without backlash; RMSE by part."""
+    modelled = []
+    for one in (solution.estimate, solution.without_backlash):
+        start = np.full((int(problem.batch[-1]) + 1, 1), 0.5)  # unknown for a batch held back
+        start[: one.x.size - 5, 0] = one.x[5:]
+        modelled.append([a[:, 0] for a in problem.flows(one.x[:5, None], start, problem.command.size)])
+    (openings, flow), (_, plain) = modelled
+    part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
+    series = {
+        "m_w": (problem.flow, "kg s-1"),
+        "modelled": (flow, "kg s-1"),
+        "modelled_without_backlash": (plain, "kg s-1"),
+        "residual": (problem.flow - flow, "kg s-1"),
+        "command": (problem.command, "1"),
+        "opening": (openings, "1"),
+    }
+    errors = {"": flow - problem.flow, "_without_backlash": plain - problem.flow}
+    return residuals_of(problem.data, part, series), rmse_of(part, errors)

@@ -16,12 +16,22 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.logs import Log
 from fastcoil.measured.least_squares import autocorrelation
+from fastcoil.measured.part import unbroken
 from fastcoil.measured.valve_problem import step_of
 from fastcoil.model.engine.recorded import valve_flows
 
 N_KNOTS = 11
-_RIDGE = 1e-9
-_TINY = 1e-300
+_RIDGE, _TINY, _ROUND_OFF = 1e-9, 1e-300, 1e-6
+BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
+_WORTHWHILE = 0.8  # a shift leaves at most this share of the squared residuals of the rows that it moves
+_ROUNDS = 10
+_NEAR, _AROUND = 6, 2
+"""Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""
+_FARTHEST = 7200.0  # s, proposed by the cross-correlation: clocks that differ by an hour
+_STRETCH = 100  # samples: a longer piece is cut into stretches of one to two times this
+_PRICE, _PRICE_WITHIN = 12.0, 30.0
+"""Of a shift and of a change of it between pieces, and of a change within one, in logarithms of likelihood."""
+_MOST_MEMORY = 0.98
 
 
 def hats(opening: Array) -> Array:
@@ -30,101 +40,87 @@ def hats(opening: Array) -> Array:
     return np.asarray(np.maximum(1.0 - np.abs(place[..., None] - np.arange(N_KNOTS)), 0.0))
 
 
-def solved(products: Array) -> Array:
+def openings_of(command: Array, batch: Index, backlashes: Array) -> Array:
+    """Opening behind each backlash, (n, backlashes); each piece starts in the middle of the gap."""
+    rows, start = np.ones((5, backlashes.size)), np.full((int(batch[-1]) + 1, backlashes.size), 0.5)
+    rows[0] = backlashes
+    openings, flows = np.empty((2, command.size, backlashes.size))
+    valve_flows(np.ascontiguousarray(command), batch, rows, start, openings, flows)
+    return openings
+
+
+def _solved(products: Array) -> Array:
     """Flows at the knots, (…, k - 1), from sums of products of the weights and, last, the flow, (…, k, k)."""
     A, b = products[..., :-1, :-1], products[..., :-1, -1]
     ridge = _RIDGE * np.trace(A, axis1=-2, axis2=-1) + _TINY
     return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b[..., None])[..., 0])
 
 
-def errors_of(products: Array, flows: Array) -> Array:
+def _errors_of(products: Array, flows: Array) -> Array:
     """Sums of squared residuals, (…,), of a curve, (…, k - 1) or (k - 1,)."""
     v = np.concatenate([flows, np.full((*flows.shape[:-1], 1), -1.0)], axis=-1)
     return np.asarray(np.maximum(np.einsum("...ij,...i,...j", products, v, v), 0.0))
 
 
-BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
-_WORTHWHILE = 0.8
-"""A shift leaves at most this share of the squared residuals of the rows that it moves."""
-_ROUNDS = 10
-_ROUND_OFF = 1e-6
+class _Curve(NamedTuple):
+    backlash: int  # index in BACKLASHES
+    flows: Array  # at the knots, kg/s
+    variance: float  # of a residual, (kg/s)²
+    worth: float  # samples that are worth one independent one
+    likelihood: float  # logarithm of it
 
 
-class Curve(NamedTuple):
-    """The backlash, an index in ``BACKLASHES``; flows at the knots, kg/s; variance of a residual, (kg/s)².
+class _Stretches(NamedTuple):
+    """What the search needs of a log."""
 
-    worth: samples that are worth one independent one.  likelihood: logarithm of it.
-    """
+    lags: Index  # that are tried, samples, (lags,)
+    number: Index  # of the stretch of each sample, (n,)
+    sums: Array  # of products of the curve's terms and the flow, (stretches, lags, backlashes, knots + 1, knots + 1)
+    counts: Array  # samples in each sum, (stretches, lags)
+    price: Array  # of each change of the lag from one stretch to the next; the first: of any lag but 0
+    fitted: Mask  # (stretches,)
 
-    backlash: int
-    flows: Array
-    variance: float
-    worth: float
-    likelihood: float
-
-
-class Stretches(NamedTuple):
-    """What the search needs of a log.
-
-    lags: that are tried, in samples, (lags,).  number: of the stretch of each sample, (n,).  sums: of products of the
-    curve's terms and the flow, (stretches, lags, backlashes, knots + 1, knots + 1).  counts: samples in each sum,
-    (stretches, lags).  price: of each change of the lag
-    from one stretch to the next, (stretches,), the first is that of any lag but 0.  fitted: (stretches,).
-    """
-
-    lags: Index
-    number: Index
-    sums: Array
-    counts: Array
-    price: Array
-    fitted: Mask
-
-    def of(self, which: Mask) -> Stretches:
-        """Some of the stretches."""
+    def of(self, which: Mask) -> _Stretches:
         return self._replace(sums=self.sums[which], counts=self.counts[which], price=self.price[which])
 
 
-def search(found: Stretches, worth: float) -> tuple[Index, Curve]:
-    """The lag of each stretch, an index in ``lags``, and the curve: from each common lag until neither changes.
-
-    worth: samples that are worth one independent one.
-    """
+def _search(found: _Stretches, worth: float) -> tuple[Index, _Curve]:
+    """The lag of each stretch, an index in ``lags``, and the curve: from each common lag until neither changes."""
     ways = []
     n = found.counts.sum(axis=0)
     for common in np.flatnonzero(n >= 0.5 * n.max()):
         chosen = np.full(found.sums.shape[0], common)
         for _ in range(_ROUNDS):
-            curve, before = _curve(found, chosen, worth), chosen
-            chosen = cheapest(found, curve)
+            before = chosen
+            chosen = _cheapest(found, _curve(found, before, worth))
             if (chosen == before).all():
                 break
         curve = _curve(found, chosen, worth)
         changed = np.append(found.lags[chosen[0]] != 0, np.diff(chosen) != 0)
         ways.append((found.price[changed].sum() - curve.likelihood, chosen, curve))
-    _, chosen, curve = min(ways, key=lambda one: float(one[0]))
-    return chosen, curve
+    return min(ways, key=lambda one: float(one[0]))[1:]
 
 
-def _curve(found: Stretches, chosen: Index, worth: float) -> Curve:
+def _curve(found: _Stretches, chosen: Index, worth: float) -> _Curve:
     """The best curve with each stretch at its lag."""
     at = np.arange(chosen.size), chosen
     total, n = found.sums[at].sum(axis=0), max(float(found.counts[at].sum()), 1.0)
-    flows = solved(total)
-    errors = errors_of(total, flows)
+    flows = _solved(total)
+    errors = _errors_of(total, flows)
     j = int(np.argmin(errors))
     mean = max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
     n_all = float(found.counts.max(axis=1).sum())
-    return Curve(j, flows[j], mean, worth, -0.5 * n_all / worth * float(np.log(mean)))
+    return _Curve(j, flows[j], mean, worth, -0.5 * n_all / worth * float(np.log(mean)))
 
 
-def cheapest(found: Stretches, curve: Curve) -> Index:
+def _cheapest(found: _Stretches, curve: _Curve) -> Index:
     """The lag of each stretch, an index in ``lags``: the way through the stretches with the least errors and prices.
 
     Samples that a lag leaves without a command cost as much as others; they may not be most of a stretch.  Where all
     of a stretch fits worse than the rest, chance moves it more easily: its own variance counts.
     """
     most = found.counts.max(axis=1, keepdims=True)
-    errors = errors_of(found.sums[:, :, curve.backlash], curve.flows)
+    errors = _errors_of(found.sums[:, :, curve.backlash], curve.flows)
     errors = np.where(found.counts < 0.5 * most, np.inf, errors + curve.variance * (most - found.counts))
     own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
     costs = errors / (2.0 * curve.worth * np.maximum(own, curve.variance))
@@ -140,32 +136,21 @@ def cheapest(found: Stretches, curve: Curve) -> Index:
     return np.array(chosen[::-1])
 
 
-def worthwhile(found: Stretches, chosen: Index, curve: Curve) -> Index:
+def _worthwhile(found: _Stretches, chosen: Index, curve: _Curve) -> Index:
     """The lag of each stretch in samples, 0 where a run of stretches with one lag gains little by it."""
-    errors = errors_of(found.sums[:, :, curve.backlash], curve.flows)
+    errors = _errors_of(found.sums[:, :, curve.backlash], curve.flows)
     kept, none = found.lags[chosen], int(np.flatnonzero(found.lags == 0)[0])
-    for run in np.split(np.arange(chosen.size), np.flatnonzero(np.diff(chosen)) + 1):
+    for run in unbroken(chosen):
         if errors[run, chosen[run]].sum() > _WORTHWHILE * errors[run, none].sum():
             kept[run] = 0
     return kept
-
-
-_NEAR, _AROUND = 6, 2
-"""Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""
-_FARTHEST = 7200.0
-"""The cross-correlation proposes shifts up to this, s: clocks that differ by an hour."""
-_STRETCH = 100
-"""Samples: a longer piece is cut into stretches of one to two times this."""
-_PRICE, _PRICE_WITHIN = 12.0, 30.0
-"""Of a shift and of a change of it between pieces, and of a change within one, in logarithms of likelihood."""
-_MOST_MEMORY = 0.98
 
 
 def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
     """The command ``lag`` seconds before each sample, (n,) each, and where no row of its piece gives it."""
     given, lag = log.values["command"], np.broadcast_to(lag, log.time.shape)
     command, outside = given.copy(), np.zeros(given.size, dtype=bool)
-    for piece in np.split(np.arange(given.size), np.flatnonzero(np.diff(log.batch)) + 1):
+    for piece in unbroken(log.batch):
         time = log.time[piece]
         wanted = time - lag[piece] + _ROUND_OFF
         at = np.searchsorted(time, wanted, side="right") - 1
@@ -187,21 +172,21 @@ def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     influence on its shifts.
     """
     step = step_of(log, fitting)
-    lags_tried = _lags_to_try(log, good & fitting, step)
-    found = _stretches(log, good, fitting, step, lags_tried, 0.0)
-    chosen, curve = search(found.of(found.fitted), 1.0)
-    memory, _ = _correlation(log, good & fitting, found, chosen, curve, step, 0.0)
+    lags_tried, memory = _lags_to_try(log, good & fitting, step), 0.0
     found = _stretches(log, good, fitting, step, lags_tried, memory)
-    chosen, curve = search(found.of(found.fitted), 1.0)
+    chosen, curve = _search(found.of(found.fitted), 1.0)
+    memory, _ = _correlation(log, good & fitting, found, chosen, curve, step, memory)
+    found = _stretches(log, good, fitting, step, lags_tried, memory)
+    chosen, curve = _search(found.of(found.fitted), 1.0)
     _, worth = _correlation(log, good & fitting, found, chosen, curve, step, memory)
-    chosen, curve = search(found.of(found.fitted), worth)
+    chosen, curve = _search(found.of(found.fitted), worth)
     lags = np.zeros(found.fitted.size)
-    lags[found.fitted] = worthwhile(found.of(found.fitted), chosen, curve)
+    lags[found.fitted] = _worthwhile(found.of(found.fitted), chosen, curve)
     if not found.fitted.all():
         rest = found.of(~found.fitted)
-        lags[~found.fitted] = worthwhile(rest, cheapest(rest, curve), curve)
+        lags[~found.fitted] = _worthwhile(rest, _cheapest(rest, curve), curve)
     shifts = lags[found.number]
-    return _moved(log, shifts * step, _told(log, shifts, step)) if shifts.any() else log
+    return _moved(log, shifts * step, _in_words(log, shifts, step)) if shifts.any() else log
 
 
 def _moved(log: Log, lag: Array, notes: list[str]) -> Log:
@@ -210,51 +195,45 @@ def _moved(log: Log, lag: Array, notes: list[str]) -> Log:
     return replace(log, values=values, notes=log.notes + notes)
 
 
-def _told(log: Log, shifts: Array, step: float) -> list[str]:
+def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
     """A sentence for each shift."""
-    ends = np.flatnonzero(np.diff(shifts)) + 1
     notes = []
-    for run in np.split(np.arange(shifts.size), ends):
-        n = int(shifts[run[0]])
+    for run in unbroken(shifts):
+        n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])
         if n == 0:
             continue
-        samples = "one sample" if abs(n) == 1 else f"{abs(n)} samples"
-        first, last = int(run[0]), int(run[-1])
-        where = "throughout" if run.size == shifts.size else f"from row {log.rows[first]}"
-        if run.size < shifts.size and log.n_batches > 1:
-            where += f" (piece {log.batch[first] + 1} of {log.n_batches})"
+        where = "throughout"
         if run.size < shifts.size:
-            where += " on" if last == shifts.size - 1 else f" to row {log.rows[last]}"
-        what = ("flow", "command") if n > 0 else ("command", "flow")
+            piece = f" (piece {log.batch[first] + 1} of {log.n_batches})" if log.n_batches > 1 else ""
+            until = " on" if last == shifts.size - 1 else f" to row {log.rows[last]}"
+            where = f"from row {log.rows[first]}{piece}{until}"
+        late, early = ("flow", "command") if n > 0 else ("command", "flow")
+        samples = "one sample" if abs(n) == 1 else f"{abs(n)} samples"
         notes.append(
-            f"{where} the {what[0]} is logged {samples} ({abs(n) * step:g} s) after the {what[1]}: the fit takes this "
+            f"{where} the {late} is logged {samples} ({abs(n) * step:g} s) after the {early}: the fit takes this "
             "shift out; lag=0, --lag 0 leaves it in"
         )
     return notes
 
 
-def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, memory: float) -> Stretches:
+def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, memory: float) -> _Stretches:
     """Pieces, long ones cut and none partly fitted, and their sums.
 
     memory: of the residuals, from one sample to the next; that share of the sample before is subtracted from each.
     """
     n = log.time.size
-    border = (np.diff(log.batch) != 0) | (np.diff(fitting.astype(int)) != 0)
-    number, price = np.zeros(n, dtype=np.int64), [_PRICE]
-    for part in np.split(np.arange(n), np.flatnonzero(border) + 1):
-        cuts = max(part.size // _STRETCH, 1)
-        number[part] = len(price) - 1 + np.arange(part.size) * cuts // part.size
+    number, price, follows = np.zeros(n, dtype=np.int64), [_PRICE], np.ones(n, dtype=bool)
+    for piece in unbroken(log.batch, fitting):
+        cuts = max(piece.size // _STRETCH, 1)
+        number[piece] = len(price) - 1 + np.arange(piece.size) * cuts // piece.size
         price += [_PRICE_WITHIN] * (cuts - 1) + [_PRICE]
+        follows[piece[0]] = False
     ends = np.searchsorted(number, np.arange(len(price)))
-    rows, start = np.ones((5, BACKLASHES.size)), np.full((log.n_batches, BACKLASHES.size), 0.5)
-    rows[0] = BACKLASHES
-    openings, flows = np.empty((n, BACKLASHES.size)), np.empty((n, BACKLASHES.size))
     sums = np.zeros((len(price) - 1, lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
     counts = np.zeros((len(price) - 1, lags.size))
-    follows = np.append(False, ~border)
     for i, lag in enumerate(lags):
         command, outside = delayed(log, lag * step)
-        valve_flows(command, log.batch, rows, start, openings, flows)
+        openings = openings_of(command, log.batch, BACKLASHES)
         used = good & ~outside
         if memory:
             used &= follows & np.append(False, used[:-1])
@@ -267,26 +246,27 @@ def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, me
             for s in range(len(price) - 1):
                 part = A[ends[s] : ends[s + 1]]
                 sums[s, i, j] = part.T @ part
-    return Stretches(lags, number, sums, counts, np.array(price[:-1]), fitting[ends[:-1]])
+    return _Stretches(lags, number, sums, counts, np.array(price[:-1]), fitting[ends[:-1]])
 
 
 def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
     """Shifts in samples: a few either way, and some around the peak of the cross-correlation of the changes."""
+    from scipy.signal import correlate
+
     lags = np.arange(-_NEAR, _NEAR + 1)
     most = min(int(_FARTHEST / step), log.time.size // 4)
     both = used[1:] & used[:-1] & (np.diff(log.batch) == 0)
     if most <= _NEAR or not both.any():
         return lags
     moves, answers = (np.where(both, np.diff(log.values[name]), 0.0) for name in ("command", "m_w"))
-    size = 1 << (2 * moves.size - 1).bit_length()
-    product = np.fft.irfft(np.fft.rfft(answers, size) * np.conj(np.fft.rfft(moves, size)), size)
+    product = correlate(answers, moves)  # at lags from 1 - n
     far = np.concatenate([np.arange(-most, -_NEAR), np.arange(_NEAR + 1, most + 1)])
-    peak = int(far[np.argmax(product[far])])
+    peak = int(far[np.argmax(product[far + moves.size - 1])])
     return np.union1d(lags, np.arange(peak - _AROUND, peak + _AROUND + 1))
 
 
 def _correlation(
-    log: Log, used: Mask, found: Stretches, chosen: Index, curve: Curve, step: float, memory: float
+    log: Log, used: Mask, found: _Stretches, chosen: Index, curve: _Curve, step: float, memory: float
 ) -> tuple[float, float]:
     """Of the residuals of the fitted part: from one to the next; samples that are worth one independent one.
 
@@ -295,12 +275,9 @@ def _correlation(
     lags = np.zeros(found.fitted.size)
     lags[found.fitted] = found.lags[chosen]
     command, outside = delayed(log, lags[found.number] * step)
-    rows = np.ones((5, 1))
-    rows[0] = BACKLASHES[curve.backlash]
-    openings, flows = np.empty((log.time.size, 1)), np.empty((log.time.size, 1))
-    valve_flows(command, log.batch, rows, np.full((log.n_batches, 1), 0.5), openings, flows)
+    opening = openings_of(command, log.batch, BACKLASHES[[curve.backlash]])[:, 0]
     used = used & ~outside
-    r = np.where(used, hats(openings[:, 0]) @ curve.flows - log.values["m_w"], 0.0)
+    r = np.where(used, hats(opening) @ curve.flows - log.values["m_w"], 0.0)
     r[1:] -= memory * r[:-1]
     n = int(np.flatnonzero(used)[-1]) + 1
     rho = autocorrelation(r[:n], log.batch[:n], used[:n])

@@ -20,16 +20,14 @@ from typing import Protocol
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.measured.part import unbroken
 
 
 class Listener(Protocol):
-    """Receives the progress of a fit."""
+    """Receives the progress of a fit: ``done`` of ``of`` parts are done; the model was run once more."""
 
-    def part(self, what: str, done: int, of: int) -> None:
-        """A part begins: ``done`` of ``of`` such parts are done."""
-
-    def step(self) -> None:
-        """The model was run once."""
+    def part(self, what: str, done: int, of: int) -> None: ...
+    def step(self) -> None: ...
 
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
@@ -58,15 +56,12 @@ def report_step() -> None:
 
 
 CONFIDENCE = 0.95
+FORBIDDEN = 1e6  # residual of a parameter set that cannot be run
 _RANK_TOLERANCE = 1e-8
-_MAX_LAG_SHARE = 4
-"""Autocorrelation is estimated up to lags of one segment divided by this."""
-_REFINED = 4
+_MAX_LAG_SHARE = 4  # autocorrelation is estimated up to lags of one segment divided by this
+_REFINED, _SCREENED_AT_ONCE = 4, 64
 _POLISH = 20.0
-_SCREENED_AT_ONCE = 64
 _TINY = 1e-300
-FORBIDDEN = 1e6
-"""Residual of a parameter set that cannot be run."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +70,8 @@ class Model:
 
     residuals: (p, sets) → (n, sets), 0 at samples that are not compared.  lower, upper, step: (p,), the bounds and the
     steps of the central differences.  segment: (n,), number of the unbroken piece of each sample.  used: (n,), which
-    samples are compared.  The last parameters may be ``nuisance``: one for each number in ``owner`` (n,), acting on the
-    samples of that number only, so that all of them share one pair of lanes.
+    samples are compared.  The last parameters may be ``nuisance``: one for each segment, acting on its samples only, so
+    that all of them share one pair of lanes.
     """
 
     residuals: Callable[[Array], Array]
@@ -86,7 +81,6 @@ class Model:
     segment: Index
     used: Mask
     n_nuisance: int = 0
-    owner: Index | None = None
 
     @property
     def n_common(self) -> int:
@@ -126,13 +120,12 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
         if k < common:
             J[:, k] = difference / max(sets[k, 1 + 2 * k] - sets[k, 2 + 2 * k], _TINY)
         else:
-            assert model.owner is not None
-            rows, column = np.arange(difference.size), common + model.owner
+            rows, column = np.arange(difference.size), common + model.segment
             J[rows, column] = difference / np.maximum(sets[column, 1 + 2 * k] - sets[column, 2 + 2 * k], _TINY)
     return found[:, 0], J
 
 
-def screen(model: Model, starts: Array) -> Array:
+def _screened(model: Model, starts: Array) -> Array:
     """Residual sum of squares of every start (p, sets)."""
     sums = []
     for first in range(0, starts.shape[1], _SCREENED_AT_ONCE):
@@ -143,61 +136,54 @@ def screen(model: Model, starts: Array) -> Array:
     return np.concatenate(sums)
 
 
-def minimise(
-    model: Model, starts: Array, fixed: Sequence[int] = (), refined: int = _REFINED, max_steps: int = 80
-) -> Estimate:
+def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: int = 80) -> Estimate:
     """The best minimum found from the best of ``starts`` (p, sets); parameters in ``fixed`` stay where they start."""
-    order = np.argsort(screen(model, starts))[:refined] if starts.shape[1] > 1 else np.array([0])
+    if starts.shape[1] == 1:
+        return _descended(model, starts[:, 0], fixed, max_steps)
+    order = np.argsort(_screened(model, starts))[:_REFINED]
     found = []
     for i, k in enumerate(order):
-        if starts.shape[1] > 1:
-            report_part("descents", i, order.size + 1)
-        found.append(_descend(model, starts[:, k], fixed, max_steps))
+        report_part("descents", i, order.size + 1)
+        found.append(_descended(model, starts[:, k], fixed, max_steps))
     best = min(found, key=lambda one: one.rss)
-    if starts.shape[1] == 1:
-        return best
     report_part("descents", order.size, order.size + 1)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
-    polished = _descend(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
-    x = min(best, polished, key=lambda one: one.rss).x
-    r, J = evaluate(model, x)  # with short steps a kink looks like a slope
+    polished = _descended(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
+    return _at(model, min(best, polished, key=lambda one: one.rss).x)  # with short steps a kink looks like a slope
+
+
+def _at(model: Model, x: Array) -> Estimate:
+    r, J = evaluate(model, x)
     return Estimate(x, r, J, float(r @ r))
 
 
-def _descend(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> Estimate:
+def _descended(model: Model, x0: Array, fixed: Sequence[int], max_steps: int) -> Estimate:
     from scipy.optimize import least_squares
 
     free = np.setdiff1d(np.arange(x0.size), np.asarray(fixed, dtype=int))
     x = x0.copy()
-    last: tuple[bytes, Array, Array] = (b"", np.empty(0), np.empty(0))
+    last: tuple[bytes, Array] = (b"", np.empty(0))
 
-    def at(part: Array) -> tuple[Array, Array]:
+    def condensed(part: Array) -> Array:
+        """Jacobian and, last, residuals."""
         nonlocal last
         if last[0] != part.tobytes():
             x[free] = part
             r, J = evaluate(model, x)
-            R = _condensed(np.column_stack([J[:, free], r]))
-            last = (part.tobytes(), R[:, -1], R[:, :-1])
-        return last[1], last[2]
+            last = (part.tobytes(), _condensed(np.column_stack([J[:, free], r])))
+        return last[1]
 
     if free.size:
-        span = model.upper[free] - model.lower[free]
-        inside = np.clip(x0[free], model.lower[free] + 1e-9 * span, model.upper[free] - 1e-9 * span)
+        lower, upper = model.lower[free], model.upper[free]
+        span = upper - lower
         solution = least_squares(
-            lambda part: at(part)[0],
-            inside,
-            jac=lambda part: at(part)[1],
-            bounds=(model.lower[free], model.upper[free]),
-            method="trf",
-            x_scale="jac",
-            ftol=1e-9,
-            xtol=1e-9,
-            gtol=1e-12,
-            max_nfev=max_steps,
-        )
+            lambda part: condensed(part)[:, -1],
+            np.clip(x0[free], lower + 1e-9 * span, upper - 1e-9 * span),
+            jac=lambda part: condensed(part)[:, :-1],
+            bounds=(lower, upper), method="trf", x_scale="jac", ftol=1e-9, xtol=1e-9, gtol=1e-12, max_nfev=max_steps,
+        )  # fmt: skip
         x[free] = solution.x
-    r, J = evaluate(model, x)
-    return Estimate(x.copy(), r, J, float(r @ r))
+    return _at(model, x)
 
 
 def _condensed(A: Array) -> Array:
@@ -215,7 +201,6 @@ class Uncertainty:
     """Covariance of the estimate, (p, p), NaN for parameters that are fixed or at a bound; and its basis.
 
     inflation: (p,), factor on the variance of white residuals.  dead: index of the parameters without any effect.
-    weak: directions that the data do not identify, each as {parameter: share}.
     """
 
     covariance: Array
@@ -225,13 +210,16 @@ class Uncertainty:
     freedom: float
     variance: float
     dead: tuple[int, ...]
-    weak: tuple[dict[int, float], ...]
 
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard errors."""
-        from scipy.stats import t
+        return _quantile(self.freedom)
 
-        return float(t.ppf(0.5 + CONFIDENCE / 2, self.freedom))
+
+def _quantile(freedom: float) -> float:
+    from scipy.stats import t
+
+    return float(t.ppf(0.5 + CONFIDENCE / 2, freedom))
 
 
 def uncertainty(
@@ -257,33 +245,29 @@ def uncertainty(
     variance = estimate.rss / n * n_effective / freedom
     _, s, Vt = np.linalg.svd(estimate.J[:, free] / norms[free], full_matrices=False)
     kept = s > _RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
-    weak = tuple({int(free[k]): float(v[k]) for k in np.argsort(-np.abs(v))[:3]} for v in Vt[~kept])
     inverse = (Vt[kept].T / s[kept] ** 2) @ Vt[kept] / np.outer(norms[free], norms[free])
     white = np.diag(inverse).copy()
-    Z = estimate.J[:, free] @ inverse
-    coloured = white + 2.0 * _lagged_products(Z, model.segment, rho)
+    coloured = white + 2.0 * _lagged_products(estimate.J[:, free] @ inverse, model.segment, rho)
     inflation = np.maximum(coloured / white, 1.0)
     covariance, factors = np.full((p, p), np.nan), np.ones(p)
     covariance[np.ix_(free, free)] = variance * inverse * np.sqrt(np.outer(inflation, inflation))
-    for v in Vt[~kept]:
-        open_ = free[np.abs(v) > 0.1]
-        covariance[open_, :] = covariance[:, open_] = np.inf
+    for v in Vt[~kept]:  # directions that the data do not identify
+        unknown = free[np.abs(v) > 0.1]
+        covariance[unknown, :] = covariance[:, unknown] = np.inf
     factors[free] = inflation
-    dead = tuple(int(k) for k in np.flatnonzero(~live))
-    return Uncertainty(covariance, factors, n, n_effective, freedom, variance, dead, weak)
+    return Uncertainty(covariance, factors, n, n_effective, freedom, variance, tuple(np.flatnonzero(~live).tolist()))
 
 
 def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
     """ρ(1), ρ(2), … of the residuals up to where they are lost in noise (Geyer's initial monotone sequence)."""
-    r = np.where(used, r, 0.0)
-    ends = np.flatnonzero(np.diff(segment)) + 1
-    pieces, marks = np.split(r, ends), np.split(used.astype(float), ends)
+    r, mark = np.where(used, r, 0.0), used.astype(float)
+    pieces = unbroken(segment)
     most = max(piece.size for piece in pieces) // _MAX_LAG_SHARE
     sums, counts = np.zeros(most + 1), np.zeros(most + 1)
-    for piece, mark in zip(pieces, marks, strict=True):
+    for piece in pieces:
         lags = min(most + 1, piece.size)
-        sums[:lags] += _autoproducts(piece)[:lags]
-        counts[:lags] += _autoproducts(mark)[:lags]
+        sums[:lags] += _autoproducts(r[piece])[:lags]
+        counts[:lags] += _autoproducts(mark[piece])[:lags]
     if most < 1 or sums[0] <= 0.0:
         return np.zeros(0)
     rho = (sums / np.maximum(counts, 1.0)) / (sums[0] / counts[0])
@@ -292,7 +276,7 @@ def autocorrelation(r: Array, segment: Index, used: Mask) -> Array:
     n_pairs = negative[0] if negative.size else pairs.size
     pairs = np.minimum.accumulate(pairs[:n_pairs])
     kept = rho[: 2 * n_pairs]
-    scale = np.repeat(pairs / np.maximum(kept.reshape(-1, 2).sum(axis=1), 1e-300), 2) if n_pairs else np.zeros(0)
+    scale = np.repeat(pairs / np.maximum(kept.reshape(-1, 2).sum(axis=1), 1e-300), 2)
     return np.asarray((kept * scale)[1:])
 
 
@@ -306,10 +290,10 @@ def _autoproducts(x: Array) -> Array:
 def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
     """Sum over lags of ρ(k) times the sum over t of z[t] z[t + k], for every column of Z."""
     total = np.zeros(Z.shape[1])
-    for piece in np.split(Z, np.flatnonzero(np.diff(segment)) + 1):
-        lags = min(rho.size, piece.shape[0] - 1)
+    for piece in unbroken(segment):
+        lags = min(rho.size, piece.size - 1)
         if lags > 0:
-            total += [rho[:lags] @ _autoproducts(z)[1 : lags + 1] for z in piece.T]
+            total += [rho[:lags] @ _autoproducts(z)[1 : lags + 1] for z in Z[piece].T]
     return total
 
 
@@ -328,40 +312,34 @@ def profile(
             report_part("values of the backlash", len(found), grid.size)
             start = x.copy()
             start[k] = grid[i]
-            found[i] = minimise(model, start[:, None], fixed=[*fixed, k], max_steps=max_steps)
+            found[i] = minimise(model, start[:, None], [*fixed, k], max_steps)
             x = found[i].x
     return [found[i] for i in range(grid.size)]
 
 
 _DRAWS = 400
-_FEWEST, _MOST = 8, 30
-"""Blocks that a log in fewer pieces is cut into, of at least so many independent samples each if it has them."""
-_INDEPENDENT = 5.0
+_FEWEST, _MOST = 8, 30  # blocks that a log in fewer pieces is cut into
+_INDEPENDENT = 5.0  # independent samples in each of them, if it has them
 _RIDGE = 1e-10
 
 
 def widened(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int]) -> Uncertainty:
     """The uncertainty, no smaller than that of a bootstrap over blocks."""
-    from scipy.stats import t
-
     block = blocks(model.segment, model.used, spread.n_effective)
     n_blocks = int(block.max()) + 1
     free = np.setdiff1d(np.flatnonzero(np.isfinite(np.diag(spread.covariance))), fixed)
     common = free[free < model.n_common]
     if n_blocks < 2 or not common.size:
         return spread
-    moved = _moved(best, block, free)[:, : common.size]
+    moved = _moved(best, block, n_blocks, free)[:, : common.size]
     low, high = np.quantile(moved, [0.1587, 0.8413], axis=0)
     deviation = 0.5 * (high - low) * np.sqrt(n_blocks / (n_blocks - 1))
     ratio = deviation / np.sqrt(np.diag(spread.covariance)[common])
-    ratio *= float(t.ppf(0.5 + CONFIDENCE / 2, n_blocks - 1)) / spread.quantile()
+    ratio *= _quantile(n_blocks - 1) / spread.quantile()
     factor = np.ones(best.x.size)
     factor[common] = np.maximum(ratio, 1.0)
-    return replace(
-        spread,
-        covariance=spread.covariance * np.outer(factor, factor),
-        inflation=spread.inflation * factor**2,
-    )
+    covariance = spread.covariance * np.outer(factor, factor)
+    return replace(spread, covariance=covariance, inflation=spread.inflation * factor**2)
 
 
 def blocks(segment: Index, used: Mask, n_effective: float) -> Index:
@@ -379,20 +357,13 @@ def blocks(segment: Index, used: Mask, n_effective: float) -> Index:
     return np.unique(number, return_inverse=True)[1]
 
 
-def _moved(best: Estimate, block: Index, free: Index) -> Array:
+def _moved(best: Estimate, block: Index, n_blocks: int, free: Index) -> Array:
     """Steps of the free parameters to the minimum of each draw, (draws, free)."""
-    n_blocks = int(block.max()) + 1
-    J = best.J[:, free]
+    J, r = best.J[:, free], best.r
     scale = np.linalg.norm(J, axis=0)
-    J = J / scale
-    ends = np.flatnonzero(np.diff(block)) + 1
-    if (np.diff(block) < 0).any():
-        order = np.argsort(block, kind="stable")
-        J, r, ends = J[order], best.r[order], np.flatnonzero(np.diff(block[order])) + 1
-    else:
-        r = best.r
-    starts = np.concatenate([[0], ends])
-    gradient = np.add.reduceat(J * r[:, None], starts, axis=0)
+    order = np.argsort(block, kind="stable")
+    J, r, ends = (J / scale)[order], r[order], np.flatnonzero(np.diff(block[order])) + 1
+    gradient = np.add.reduceat(J * r[:, None], np.concatenate([[0], ends]), axis=0)
     curvature = np.stack([part.T @ part for part in np.split(J, ends)])
     rng = np.random.default_rng(0)
     draws = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), size=_DRAWS).astype(float)

@@ -15,53 +15,42 @@ from fastcoil.logs.series import counted
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.part import Part
+from fastcoil.measured.coil_problem import number_in, require_days, require_temperatures
+from fastcoil.measured.part import Part, unbroken
 from fastcoil.measured.valve_problem import reversals
 
-LARGEST = 0.25
+LARGEST = 0.25  # candidate, fraction of stroke
 _COARSE, _FINE, _NEAR = 0.005, 0.0005, 0.01
 """Steps of the candidates, over the whole range and this near to the best, fractions of stroke."""
-BLOCK = 1800.0
-"""Seconds whose residuals are taken to belong together."""
-RESAMPLES = 400
+_BLOCK = 1800.0  # seconds whose residuals are taken to belong together
+_RESAMPLES = 400
 _FEWEST_SAMPLES = 60
-APART = 120.0
-"""Seconds between the temperatures whose difference is compared."""
-LEAST_SLOPE = 0.02
-"""Of measured over modelled changes."""
-CONFIDENCE, WIDER = 0.95, 0.005
+_APART = 120.0  # seconds between the temperatures whose difference is compared
+_LEAST_SLOPE = 0.02  # of measured over modelled changes
+_CONFIDENCE, _WIDER = 0.95, 0.005
 """Of the interval, and by how much it is widened on both sides for what the model gets wrong, fraction of stroke."""
-COARSE_LOG = 90.0
-"""Above so many seconds between samples, turns of a command that moves are missed."""
+_COARSE_LOG = 90.0  # above so many seconds between samples, turns of a command that moves are missed
 _HELD, _MOVES = 2e-3, 0.25
 """A command that changes by more than the first in more than this share of the samples also moves between them."""
-_INPUTS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
-_LONGEST = 60 * 86400
 _NEUTRAL: dict[str, Any] = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0,
             "estimator": "none", "law": "pi"}  # fmt: skip
 """What a loop may have and an emulator in open loop does not use."""
 
 
 class Sums(NamedTuple):
-    """Sums over the compared changes in each block of each piece: measured y, modelled m for each candidate.
+    """Sums over the compared changes in each block of each piece: measured y, modelled m for each candidate."""
 
-    piece: (blocks,).  n, y, yy: (blocks,).  m, mm, my: (blocks, candidates).
-    """
-
-    piece: Index
-    n: Array
+    piece: Index  # of each block, (blocks,)
+    n: Array  # (blocks,), as y and yy
     y: Array
     yy: Array
-    m: Array
+    m: Array  # (blocks, candidates), as mm and my
     mm: Array
     my: Array
 
 
 class Correction(NamedTuple):
-    """Measured over modelled change, of each piece and candidate, (pieces, candidates); rss: (candidates,), K².
-
-    total: the sum of squares of the changes, K².
-    """
+    """Measured over modelled change, (pieces, candidates); squares left, (candidates,), and of the changes, K²."""
 
     slope: Array
     rss: Array
@@ -82,6 +71,15 @@ class LoopSolution(NamedTuple):
     without_backlash: Array
 
 
+class _Piece(NamedTuple):
+    """An unbroken piece that has something to compare."""
+
+    samples: Index
+    day: Boundary
+    commands: dict[str, Array]  # by how they run between samples
+    at: Index  # second of each sample
+
+
 class LoopProblem:
     """A log, the emulator that is run behind its command, and which samples are compared."""
 
@@ -89,50 +87,37 @@ class LoopProblem:
         require_whole_seconds(data.name, data.step)
         self.data, self.notes = data, list(data.notes)
         self.loop = loop.assign(**_NEUTRAL)
-        self.T_sup = data.values["T_sup"]
-        self.warm = data.since_batch() >= warm_up
+        self.T_sup, command = data.values["T_sup"], data.values["command"]
         self.fitting = part.fitted(data)
-        self.compared = self.warm & np.isfinite(self.T_sup)
-        fitted = self.compared & self.fitting
-        if fitted.sum() < _FEWEST_SAMPLES:
-            raise InputError(
-                f"{data.name}: {counted(fitted, 'temperature')} to compare after the warm-up of {warm_up:g} s: give at "
-                f"least {_FEWEST_SAMPLES}, lower warm_up, raise split, or give a longer log "
-                f"({'; '.join(self.notes) or 'no gaps'})"
-            )
-        if np.ptp(self.T_sup[fitted]) == 0.0:
-            raise InputError(f"{data.name}: T_sup is {self.T_sup[fitted][0]:g} throughout: check the sensor")
-        self.n_reversals = reversals(data.values["command"][fitted], data.batch[fitted])
-        self.moves = float(np.mean(np.abs(np.diff(data.values["command"])) > _HELD))
+        self.compared = (data.since_batch() >= warm_up) & np.isfinite(self.T_sup)
+        self.used = self.compared & self.fitting
+        require_temperatures(data, self.used, _FEWEST_SAMPLES, warm_up, self.notes)
+        self.n_reversals = reversals(command[self.used], data.batch[self.used])
+        self.moves = float(np.mean(np.abs(np.diff(command)) > _HELD))
         self.pieces = self._pieces(warm_up)
 
     @property
     def is_coarse(self) -> bool:
         """Whether turns of the command between samples are missed."""
-        return self.data.step > COARSE_LOG and self.moves > _MOVES
+        return self.data.step > _COARSE_LOG and self.moves > _MOVES
 
-    def _pieces(self, warm_up: float) -> list[tuple[Index, Boundary, dict[str, Array], Index]]:
-        """Unbroken pieces that have something to compare: samples, boundary, commands, second of each sample."""
+    def _pieces(self, warm_up: float) -> list[_Piece]:
         data, found = self.data, []
         values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in", "command")}
-        values["W_a_in"] = data.humidity_ratio(float(self.loop["pressure"]))  # type: ignore[arg-type]
-        unbroken = np.split(np.arange(data.time.size), np.flatnonzero(np.diff(data.batch)) + 1)
-        kept = [samples for samples in unbroken if self.compared[samples].any()]
-        if len(kept) < len(unbroken):
-            self.notes.append(f"{counted(len(unbroken) - len(kept), 'piece')} shorter than the warm-up left out")
-        seconds_in_all = sum(float(data.time[samples[-1]] - data.time[samples[0]]) for samples in kept)
-        if seconds_in_all > _LONGEST:
-            raise InputError(
-                f"{data.name}: the log lasts {seconds_in_all / 86400:.0f} days: cut it to {_LONGEST // 86400} at most"
-            )
+        values["W_a_in"] = data.humidity_ratio(number_in(self.loop, "pressure"))
+        pieces = unbroken(data.batch)
+        kept = [samples for samples in pieces if self.compared[samples].any()]
+        if len(kept) < len(pieces):
+            self.notes.append(f"{counted(len(pieces) - len(kept), 'piece')} shorter than the warm-up left out")
+        require_days(data, kept)
         for samples in kept:
             time = data.time[samples] - data.time[samples[0]]
             require_span(data.name, float(time[-1]))
             seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
             series = at_seconds(time, {n: v[samples] for n, v in values.items()}, seconds, ("command",), slack=1e-6)
-            day = Boundary(**{name: series[name] for name in _INPUTS}, T_set=0.0, enabled=1.0)
-            commands = {"held": series["command"], "straight": np.interp(seconds, time, values["command"][samples])}
-            found.append((samples, day, commands, np.floor(time + 0.5).astype(np.int64)))
+            commands = {"held": series.pop("command"), "straight": np.interp(seconds, time, values["command"][samples])}
+            day = Boundary(**series, T_set=0.0, enabled=1.0)
+            found.append(_Piece(samples, day, commands, np.floor(time + 0.5).astype(np.int64)))
         if len(found) > 1:
             self.notes.append(
                 f"{counted(len(found), 'unbroken piece')}, each starting at {self.loop['T_initial']} degC, the first "
@@ -147,47 +132,40 @@ class LoopProblem:
         """
         found = np.full((self.data.time.size, backlash.size), np.nan)
         sweep = self.loop.assign(backlash=("candidate", backlash))
-        for samples, day, commands, at in self.pieces:
-            every = int(np.gcd.reduce(at))
+        for piece in self.pieces:
+            every = int(np.gcd.reduce(piece.at))
             ds = simulate(
-                sweep,
-                day,
-                command=commands[runs],
-                traces=["T_measured"],
-                trace_interval=every,
-                warm_up=0,
-                progress=False,
-            )
-            found[samples] = ds["T_measured"].transpose("elapsed_time", "candidate").values[at // every]
+                sweep, piece.day, command=piece.commands[runs], traces=["T_measured"], trace_interval=every,
+                warm_up=0, progress=False,
+            )  # fmt: skip
+            found[piece.samples] = ds["T_measured"].transpose("elapsed_time", "candidate").values[piece.at // every]
         return found
 
     def sums(self, modelled: Array) -> Sums:
         """Sums over the fitted changes of each block.
 
-        Changes over ``APART`` s are compared, not temperatures: what a coil that is not quite the right one gets wrong
+        Changes over ``_APART`` s are compared, not temperatures: what a coil that is not quite the right one gets wrong
         changes slowly, and a command that follows the temperature would be blamed for it.
         """
-        used, batch, width = self.compared & self.fitting, self.data.batch, max(1, round(APART / self.data.step))
-        own = np.concatenate([np.full(samples.size, k) for k, (samples, *_) in enumerate(self.pieces)])
-        at = np.concatenate([samples for samples, *_ in self.pieces])
+        used, batch, width = self.used, self.data.batch, max(1, round(_APART / self.data.step))
+        own = np.concatenate([np.full(piece.samples.size, k) for k, piece in enumerate(self.pieces)])
+        at = np.concatenate([piece.samples for piece in self.pieces])
         earlier = np.maximum(at - width, 0)
         both = (at >= width) & used[at] & used[earlier] & (batch[at] == batch[earlier])
         at, own = at[both], own[both]
         if at.size < _FEWEST_SAMPLES:
             raise InputError(
-                f"{self.data.name}: {counted(at.size, 'change')} of T_sup over {APART:g} s to compare: give at least "
+                f"{self.data.name}: {counted(at.size, 'change')} of T_sup over {_APART:g} s to compare: give at least "
                 f"{_FEWEST_SAMPLES}, in a log with fewer gaps"
             )
-        block = (self.data.since_batch()[at] // BLOCK).astype(np.int64)
+        block = (self.data.since_batch()[at] // _BLOCK).astype(np.int64)
         first = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(own, prepend=-1))
         _, piece = np.unique(own[first], return_inverse=True)
         y, m = (series[at] - series[at - width] for series in (self.T_sup, modelled))
-
-        def total(values: Array) -> Array:
-            return np.asarray(np.add.reduceat(values, first, axis=0))
-
-        y_m = y[:, np.newaxis] * m
-        return Sums(piece, *map(total, (np.ones(y.size), y, y * y, m, m * m, y_m)))
+        totals = (
+            np.add.reduceat(v, first, axis=0) for v in (np.ones(y.size), y, y * y, m, m * m, y[:, np.newaxis] * m)
+        )
+        return Sums(piece, *totals)
 
     def solve(self) -> LoopSolution:
         """The best candidate of a coarse grid, refined, and how far it moves when blocks of the log are resampled.
@@ -206,13 +184,13 @@ class LoopProblem:
         best = corrected(sums)
         k = int(best.rss.argmin())
         draws = grid[[int(corrected(drawn).rss.argmin()) for drawn in _resampled(sums)]]
-        low, high = np.quantile(draws, (0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2))
+        low, high = np.quantile(draws, (0.5 - _CONFIDENCE / 2, 0.5 + _CONFIDENCE / 2))
         return LoopSolution(
             grid=grid,
             rmse=np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()),
             backlash=float(grid[k]),
             error=float(draws.std()),
-            interval=(max(float(low) - WIDER, 0.0), min(float(high) + WIDER, LARGEST)),
+            interval=(max(float(low) - _WIDER, 0.0), min(float(high) + _WIDER, LARGEST)),
             explained=1.0 - float(best.rss[k]) / max(best.total, 1e-12),
             n_blocks=sums.n.size,
             modelled=self._shown(modelled, best, k),
@@ -221,16 +199,16 @@ class LoopProblem:
 
     def _shown(self, modelled: Array, by: Correction, k: int) -> Array:
         """Corrected temperature of a candidate at every sample; a piece held back gets the mean correction."""
-        data, used = self.data, self.compared & self.fitting
-        slope = np.full(data.n_batches, by.slope[:, k].mean())
-        fitted = np.unique(data.batch[np.concatenate([samples[used[samples]] for samples, *_ in self.pieces])])
+        batch, used, n = self.data.batch, self.used, self.data.n_batches
+        slope = np.full(n, by.slope[:, k].mean())
+        fitted = np.unique(batch[used])
         if fitted.size == by.slope.shape[0]:
             slope[fitted] = by.slope[:, k]
-        found = slope[data.batch] * modelled[:, k]
-        times = np.bincount(data.batch[used], minlength=data.n_batches)
-        offset = np.bincount(data.batch[used], (self.T_sup - found)[used], data.n_batches) / np.maximum(times, 1)
+        found = slope[batch] * modelled[:, k]
+        times = np.bincount(batch[used], minlength=n)
+        offset = np.bincount(batch[used], (self.T_sup - found)[used], n) / np.maximum(times, 1)
         offset[times == 0] = offset[times > 0].mean()
-        return np.asarray(found + offset[data.batch])
+        return np.asarray(found + offset[batch])
 
 
 def corrected(sums: Sums) -> Correction:
@@ -245,13 +223,13 @@ def corrected(sums: Sums) -> Correction:
     n = np.maximum(n, 1.0)  # a piece that no resampled block is of
     n, y, yy = n[:, np.newaxis], y[:, np.newaxis], yy[:, np.newaxis]
     var_y, var_m, cov = yy - y * y / n, mm - m * m / n, my - m * y / n
-    slope = np.maximum(cov / np.maximum(var_m, 1e-12), LEAST_SLOPE)
+    slope = np.maximum(cov / np.maximum(var_m, 1e-12), _LEAST_SLOPE)
     return Correction(slope, np.sum(var_y - 2.0 * slope * cov + slope * slope * var_m, axis=0), float(var_y.sum()))
 
 
 def _resampled(sums: Sums) -> Iterator[Sums]:
     """The sums with as many blocks, drawn with replacement (Künsch 1989)."""
     draw = np.random.default_rng(0)
-    for _ in range(RESAMPLES):
+    for _ in range(_RESAMPLES):
         times = np.bincount(draw.integers(0, sums.n.size, sums.n.size), minlength=sums.n.size).astype(float)
         yield Sums(sums.piece, *(times * v if v.ndim == 1 else times[:, np.newaxis] * v for v in sums[1:]))

@@ -1,22 +1,22 @@
-"""Which part of a log is fitted, and which is held back to validate the fit."""
+"""The log of a fit: which part of it is fitted and which is held back, its unbroken pieces, turns of a command."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fastcoil.base.arguments import Checks, number_of
-from fastcoil.base.arrays import Mask
-from fastcoil.logs import Log
-from fastcoil.logs.columns import log_of
+from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.logs import Log, Reading, read_log
+from fastcoil.logs.columns import Wanted, log_of
 from fastcoil.logs.series import counted
 
 FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
-"""Names of the parts."""
-SPLIT = 0.7
-"""Share of a log that is fitted by default."""
+SPLIT = 0.7  # share of a log that is fitted by default
 _BATCHES_TO_SPLIT_BY = 4
 _ABOVE_0 = math.nextafter(0.0, 1.0)
 
@@ -28,15 +28,20 @@ class Part(NamedTuple):
     fit_until: float | None = None
     validation: Any = None
 
-    def of(self, data: Log) -> Log:
-        """The log, cut after ``fit_until`` where another log validates the fit."""
-        if self.validation is None or self.fit_until is None:
+    def read(self, log: Any, wanted: Wanted, how: Reading, prepared: Callable[[Log], Log]) -> Log:
+        """The log as ``prepared``, followed by the one that validates the fit, if there is one.
+
+        The first is then cut after ``fit_until``.
+        """
+        data = prepared(read_log(log, wanted, how))
+        if self.validation is None:
             return data
-        kept = np.asarray(np.maximum.accumulate(data.time) <= self.fit_until)
-        data = data.where(kept)
-        if not kept.all():
-            data.notes.append(f"{counted(~kept, 'row')} after fit_until left out: the other log validates the fit")
-        return data
+        if self.fit_until is not None:
+            kept = np.asarray(np.maximum.accumulate(data.time) <= self.fit_until)
+            data = data.where(kept)
+            if not kept.all():
+                data.notes.append(f"{counted(~kept, 'row')} after fit_until left out: the other log validates the fit")
+        return data.followed_by(prepared(read_log(self.validation, wanted, how)))
 
     def fitted(self, data: Log) -> Mask:
         """Which samples are fitted, (n,).
@@ -69,3 +74,22 @@ def checked_part(check: Checks, split: Any, fit_until: Any, validation: Any) -> 
     if part.split is not None and getattr(part, other) is not None:
         check.problems.append(f"split and {other} both say what is held back: give one of them")
     return part
+
+
+def unbroken(*numbers: NDArray[Any]) -> list[Index]:
+    """Indices of the samples of each unbroken piece: a new one begins where one of the ``numbers`` (n,) changes."""
+    ends = np.any([np.diff(number.astype(float)) != 0.0 for number in numbers], axis=0)
+    return np.split(np.arange(numbers[0].size), np.flatnonzero(ends) + 1)
+
+
+def turns(series: Array, least: float) -> int:
+    """How often a series turns and then comes back by more than ``least``."""
+    count, way, extreme = 0, 0, float(series[0])
+    for value in series.tolist():
+        moved = value - extreme
+        if way * moved > 0.0:
+            extreme = value
+        elif abs(moved) > least:
+            count += way != 0
+            way, extreme = 1 if moved > 0.0 else -1, value
+    return count

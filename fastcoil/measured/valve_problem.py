@@ -13,37 +13,37 @@ from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.series import counted, first_row
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, profile, uncertainty, widened
-from fastcoil.measured.part import Part
+from fastcoil.measured.part import Part, turns, unbroken
 from fastcoil.model.engine.recorded import valve_flows
 
-_STILL = 2e-3
-"""Commands within this of each other are one hold, fraction of stroke."""
-_TURN = 0.01
-"""A reversal goes back by more than this, fraction of stroke."""
-_HOLD_SAMPLES = 4
-"""If a typical hold has at least this many samples, the command is taken to be held."""
+# shares of the stroke
+_STILL = 2e-3  # commands within this of each other are one hold
+TURN = 0.01  # a reversal goes back by more than this
+_SURELY_OPEN = 0.25  # a valve this much further open than one that passes water passes water too
+_SMALL = 0.02  # an interval from 0 to less than this means no backlash
+LARGEST_BACKLASH = 0.5
+
+_HOLD_SAMPLES = 4  # if a typical hold has at least this many samples, the command is taken to be held
 _FLOOR_SHARE, _FLOOR_SAMPLES = 0.02, 5
-_SURELY_OPEN = 0.25
-"""A valve this much further open than one that passes water passes water too, whatever its backlash."""
 _BIN, _BIN_SAMPLES = 0.05, 3
 _FEWEST_REVERSALS = 2
-_MANY_PIECES = ", or bridge the gaps, between which it is in {n:,} pieces, with max_gap, --max-gap"
-_SMALL = 0.02
-"""An interval from 0 to less than this means no backlash."""
+FEWEST_SAMPLES = 20
+_PROFILE_POINTS, _FINE_POINTS = 25, 12
+X_BL, M_MAX, _A, _B, _C = range(5)
+LOGS = (M_MAX, _A, _B)
+"""Parameters that are searched by their logarithm."""
 
 
-def settled(log: Log, fitting: Mask, settle: float | None, notes: list[str]) -> Mask:
+def _settled(log: Log, fitting: Mask, settle: float | None, notes: list[str]) -> Mask:
     """Where the flow has settled after the last change of the command, (n,); ``fitting``: rows that say how long."""
     command, step = log.values["command"], step_of(log, fitting)
-    since, lengths, first, held = np.zeros(command.size), [], 0, command[0]
+    since, starts = np.zeros(command.size), [0]
     for t in range(1, command.size):
-        if abs(command[t] - held) > _STILL or log.batch[t] != log.batch[t - 1]:
-            lengths.append(t - first)
-            first, held = t, command[t]
-        since[t] = log.time[t] - log.time[first]
-    lengths.append(command.size - first)
+        if abs(command[t] - command[starts[-1]]) > _STILL or log.batch[t] != log.batch[t - 1]:
+            starts.append(t)
+        since[t] = log.time[t] - log.time[starts[-1]]
     last_fitted = int(np.flatnonzero(fitting)[-1])
-    lengths = np.diff(np.minimum(np.cumsum([0, *lengths]), last_fitted + 1))
+    lengths = np.diff(np.minimum([*starts, command.size], last_fitted + 1))
     lengths = lengths[lengths > 0]
     typical = float(np.median(lengths))
     if settle is None and typical < _HOLD_SAMPLES:
@@ -66,25 +66,13 @@ def step_of(log: Log, fitting: Mask) -> float:
 
 def reversals(command: Array, batch: Index) -> int:
     """How often the command turns by more than 1 % of stroke."""
-    n, extreme, way = 0, command[0], 0
-    for t in range(1, command.size):
-        if batch[t] != batch[t - 1]:
-            extreme, way = command[t], 0
-        moved = command[t] - extreme
-        if way * moved > 0.0:
-            extreme = command[t]
-        elif abs(moved) > _TURN:
-            n += way != 0
-            way, extreme = int(np.sign(moved)), command[t]
-    return n
+    return sum(turns(command[piece], TURN) for piece in unbroken(batch))
 
 
-def lowest_reading(flow: Array, notes: list[str]) -> float:
+def _lowest_reading(flow: Array, notes: list[str]) -> float:
     """The flow meter's floor: its lowest reading above 0 if that is frequent, else 0."""
     above = flow[np.isfinite(flow) & (flow > 0.0)]
-    if above.size == 0:
-        return 0.0
-    lowest = float(above.min())
+    lowest = float(above.min(initial=np.inf))
     times = int((above == lowest).sum())
     if times < max(_FLOOR_SAMPLES, _FLOOR_SHARE * above.size):
         return 0.0
@@ -92,7 +80,7 @@ def lowest_reading(flow: Array, notes: list[str]) -> float:
     return lowest
 
 
-def sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
+def _sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
     """Where the valve does not explain that no flow is measured: the sensor or the pump is off.
 
     That is a reading of 0 below the meter's floor; and 0, or the floor, with the valve much further open than where
@@ -119,11 +107,12 @@ def why_unidentified(
     """
     low, high = interval
     if n_reversals < _FEWEST_REVERSALS:
+        cure = "give a log in which it goes up and down"
+        if n_pieces > 1:
+            cure += f", or bridge the gaps, between which it is in {n_pieces:,} pieces, with max_gap, --max-gap"
         return (
-            f"not identified: the command turns {n_reversals} times by more than {100 * _TURN:.0f} % of stroke, and "
-            "only reversals show backlash; give a log in which it goes up and down"
-            + _MANY_PIECES.format(n=n_pieces)
-            * (n_pieces > 1)
+            f"not identified: the command turns {n_reversals} times by more than {100 * TURN:.0f} % of stroke, and "
+            f"only reversals show backlash; {cure}"
         )
     if high >= most or high - low > max(x_BL, _SMALL):
         tried = " (the largest value tried)" if high >= most else ""
@@ -135,57 +124,41 @@ def why_unidentified(
     return ""
 
 
-FEWEST_SAMPLES = 20
-LARGEST_BACKLASH = 0.5
-X_BL, M_MAX, _A, _B, _C = range(5)
-LOGS = (M_MAX, _A, _B)
-"""Parameters that are searched by their logarithm."""
-_PROFILE_POINTS = 25
-_FINE_POINTS = 12
-
-
 class BacklashProfile(NamedTuple):
-    """Least sum of squares with the backlash held at each value of ``grid``, (n,).
-
-    limit: the sum that the 95 % ``interval`` stays below.
-    """
+    """Least sum of squares with the backlash held at each value of ``grid``, (n,), and the 95 % interval."""
 
     grid: Array
     sums: Array
-    limit: float
+    limit: float  # the sum that the interval stays below
     interval: tuple[float, float]
 
 
 class ValveSolution(NamedTuple):
-    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash.
-
-    without_backlash: the minimum with a backlash of 0.  fixed: indices of the parameters that were held.
-    """
+    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash."""
 
     model: Model
     estimate: Estimate
     uncertainty: Uncertainty
     profile: BacklashProfile
     without_backlash: Estimate
-    fixed: list[int]
+    fixed: list[int]  # indices of the parameters that were held
 
 
 class ValveProblem:
     """The log, which samples of it are compared, and the model over it."""
 
     def __init__(self, data: Log, floor: float | None, settle: float | None, part: Part) -> None:
-        self.data = data
+        self.data, self.notes, self.batch = data, list(data.notes), data.batch
         self.command, self.flow = data.values["command"], data.values["m_w"]
-        self.notes = list(data.notes)
         self.fitting = part.fitted(data)
-        self.floor = lowest_reading(self.flow[self.fitting], self.notes) if floor is None else floor
-        off = sensor_off(self.command, self.flow, self.floor, self.fitting)
+        self.floor = _lowest_reading(self.flow[self.fitting], self.notes) if floor is None else floor
+        off = _sensor_off(self.command, self.flow, self.floor, self.fitting)
         if off.any():
             self.notes.append(
                 f"{counted(off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
                 f"({first_row(data.rows.tolist(), off)})"
             )
-        at_rest = settled(data, self.fitting, settle, self.notes)
+        at_rest = _settled(data, self.fitting, settle, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
         if not enabled.all():
             self.notes.append(f"{counted(~enabled, 'flow')} not compared: enabled is 0")
@@ -196,15 +169,14 @@ class ValveProblem:
                 f"{data.name}: {counted(to_fit, 'flow')} left to fit: give at least {FEWEST_SAMPLES}, "
                 f"lower settle, raise split, or give a longer log ({'; '.join(self.notes)})"
             )
-        last = int(np.flatnonzero(self.fitting)[-1]) + 1
-        self.n_fit = last
-        self.batch = data.batch
+        self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
+        self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
         self.top = float(np.nanmax(self.flow[self.fitting]))
         self.n_reversals = reversals(self.command[self.fitting], self.batch[self.fitting])
 
     def flows(self, sets: Array, start: Array, n: int) -> tuple[Array, Array]:
         """Openings and flows of parameter sets (5, sets) over the first n samples, the meter's floor included."""
-        openings, flows = np.empty((n, sets.shape[1])), np.empty((n, sets.shape[1]))
+        openings, flows = np.empty((2, n, sets.shape[1]))
         rows = sets.copy()
         rows[list(LOGS)] = np.exp(rows[list(LOGS)])
         valve_flows(self.command[:n], self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
@@ -212,7 +184,7 @@ class ValveProblem:
 
     def model(self, m_max: float | None, initial: str) -> tuple[Model, list[int]]:
         """The least-squares problem of the part to fit, and the indices of the parameters held in it."""
-        n, n_batches = self.n_fit, int(self.batch[self.n_fit - 1]) + 1
+        n, n_pieces = self.n_fit, self.n_pieces
         used = self.good[:n] & self.fitting[:n]
         measured = np.where(used, self.flow[:n], 0.0)[:, None]
 
@@ -220,34 +192,32 @@ class ValveProblem:
             return np.where(used[:, None], self.flows(sets[:5], sets[5:], n)[1] - measured, 0.0)
 
         top = math.log(self.top)
-        lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_batches])
-        upper = np.array([LARGEST_BACKLASH, top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_batches])
+        lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_pieces])
+        upper = np.array([LARGEST_BACKLASH, top + 3.0, math.log(20.0), math.log(200.0), 3.0, *[1.0] * n_pieces])
         if m_max is not None:
             lower[M_MAX] = min(lower[M_MAX], math.log(m_max) - 1.0)
             upper[M_MAX] = max(upper[M_MAX], math.log(m_max) + 1.0)
-        step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_batches])
+        step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_pieces])
         fixed = [] if m_max is None else [M_MAX]
-        fixed += [] if initial == "unknown" else list(range(5, 5 + n_batches))
-        return Model(residuals, lower, upper, step, self.batch[:n], used, n_batches, self.batch[:n]), fixed
+        fixed += [] if initial == "unknown" else list(range(5, 5 + n_pieces))
+        return Model(residuals, lower, upper, step, self.batch[:n], used, n_pieces), fixed
 
-    def starts(self, m_max: float | None, initial: str) -> Array:
+    def _starts(self, m_max: float | None, initial: str) -> Array:
         """Parameter sets to start from, (p, sets): shapes of the curve, each with several backlashes."""
         place = {"unknown": 0.5, "rising": 1.0, "falling": 0.0}[initial]
-        n_batches = int(self.batch[self.n_fit - 1]) + 1
-        flows = [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)]
         shapes = product(
             (0.0, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25),
-            flows,
+            [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)],
             (math.log(0.5), math.log(2.0)),
             (math.log(5.0), math.log(8.0), math.log(14.0)),
             (0.2, 0.4, 0.6, 0.85),
         )
-        return np.array([[*shape, *[place] * n_batches] for shape in shapes]).T
+        return np.array([[*shape, *[place] * self.n_pieces] for shape in shapes]).T
 
     def solve(self, m_max: float | None, initial: str) -> ValveSolution:
         """Fit, profile over the backlash, and fit again from a better minimum if the profile finds one."""
         model, fixed = self.model(m_max, initial)
-        best = minimise(model, self.starts(m_max, initial), fixed=fixed)
+        best = minimise(model, self._starts(m_max, initial), fixed)
         for n_restarts in range(3):
             spread = widened(model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed)
             grid = _grid(best, spread)
@@ -255,16 +225,10 @@ class ValveProblem:
             sums = np.array([one.rss for one in minima])
             if sums.min() > best.rss * (1.0 - 1e-6) or n_restarts == 2:
                 break
-            best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed=fixed)
+            best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed)
         limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
-        return ValveSolution(
-            model=model,
-            estimate=best,
-            uncertainty=spread,
-            profile=BacklashProfile(grid=grid, sums=sums, limit=limit, interval=_interval(grid, sums, best, limit)),
-            without_backlash=minima[0],
-            fixed=fixed,
-        )
+        found = BacklashProfile(grid, sums, limit, _interval(grid, sums, best, limit))
+        return ValveSolution(model, best, spread, found, minima[0], fixed)
 
 
 def _grid(best: Estimate, spread: Uncertainty) -> Array:
@@ -279,14 +243,14 @@ def _grid(best: Estimate, spread: Uncertainty) -> Array:
 
 def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[float, float]:
     """Where the profile stays below its limit, between the outermost crossings."""
-    x = np.append(grid, best.x[X_BL])
+    x, y = np.append(grid, best.x[X_BL]), np.append(sums, best.rss)
     order = np.argsort(x, kind="stable")
-    x, y = x[order], np.append(sums, best.rss)[order]
-    inside: Index = np.flatnonzero(y <= limit)
-    first, last = int(inside[0]), int(inside[-1])
-    low, high = x[first], x[last]
-    if first > 0:
-        low = x[first] + (x[first - 1] - x[first]) * (limit - y[first]) / max(y[first - 1] - y[first], 1e-300)
-    if last < x.size - 1:
-        high = x[last] + (x[last + 1] - x[last]) * (limit - y[last]) / max(y[last + 1] - y[last], 1e-300)
-    return float(low), float(high)
+    x, y = x[order], y[order]
+    inside = np.flatnonzero(y <= limit)
+
+    def crossing(last: int, beyond: int) -> float:
+        if not 0 <= beyond < x.size:
+            return float(x[last])
+        return float(x[last] + (x[beyond] - x[last]) * (limit - y[last]) / max(y[beyond] - y[last], 1e-300))
+
+    return crossing(int(inside[0]), int(inside[0]) - 1), crossing(int(inside[-1]), int(inside[-1]) + 1)
