@@ -1,4 +1,4 @@
-"""A user's own reduction of traces: where it is found, without running any of it."""
+"""A study's own code: where it is found and what it declares, without running any of it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from helpers.rules import HEAD
 
 from fastcoil.base.errors import InputError
+from fastcoil.study.file import own_code
 from fastcoil.study.file.own_code import Source, find_source
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.workers.user_code import load
 
 SOURCE = """
 import numpy as np
@@ -136,3 +139,47 @@ def test_a_module_whose_path_no_file_can_have_is_refused(tmp_path):
     for module in (".".join("a" * 5000), "a" * 300):
         with pytest.raises(InputError, match=r"give reduce = 'a.* a shorter name"):
             find_source("reduce", f"{module}:f", tmp_path)
+
+
+# Rules of a study
+
+RULED = '[loop]\nestimator = "mine:one"\n[boundary]\nkind = "constant_day"\nhours = 1\n'
+RULE = HEAD + "def one(now, p, memory):\n    return p.gain, memory\n"
+
+
+@pytest.fixture
+def study(tmp_path):
+    """Write a study with rules, and its module."""
+
+    def write(source, text=RULED):
+        (tmp_path / "mine.py").write_text(source)
+        path = tmp_path / "study.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_a_source_that_is_too_large_is_not_read_as_python(study, monkeypatch):
+    path = study(RULE + "\nif 0: y = [" + "1," * 140_000 + "]")
+    monkeypatch.setattr(own_code, "declared", lambda *rule: pytest.fail("it was read"))
+    with pytest.raises(InputError, match=r"mine.py has \d+,\d+ bytes, more than 262,144: move what") as found:
+        read_study(path)
+    assert len(found.value.problems) == 1
+
+
+def test_a_word_of_the_package_is_no_name_of_a_rule(study):
+    with pytest.raises(InputError, match="learner is taken, call the function something else"):
+        read_study(study(RULE.replace("one", "learner"), RULED.replace("one", "learner")))
+
+
+def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
+    two = "\ndef two(now, p, memory): return 0.0, memory\none = fc.estimator(Parameters, Memory)(two)\n"
+    path = study(RULE + two)
+    with pytest.raises(InputError, match="one is the rule two in the end: give each a name of its own"):
+        read_study(path, prepare=load)
+
+
+def test_a_unit_that_no_file_holds_is_refused(study):
+    with pytest.raises(InputError, match=r"unit = 'a\\x00b': it has characters that cannot be stored as UTF-8"):
+        read_study(study(RULE.replace("(0.01)", r'(0.01, unit="a\x00b")')))

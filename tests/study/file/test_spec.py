@@ -49,13 +49,8 @@ def test_an_absent_boundary_is_the_paper_day_of_8_hours(read):
 
 def test_run_table_reaches_the_plan(read):
     plan = read("[loop]\n[run]\nseed = 7\nreplicates = 3\nwarm_up = 600\ntraces = ['u']\ntrace_interval = 30").plan
-    assert (plan.seed, plan.n_scenarios, plan.warm_up, plan.traces.names, plan.traces.interval) == (
-        7,
-        3,
-        600,
-        ("u",),
-        30,
-    )
+    assert (plan.seed, plan.n_scenarios, plan.warm_up) == (7, 3, 600)
+    assert (plan.traces.names, plan.traces.interval) == (("u",), 30)
 
 
 def test_all_mistakes_are_named_at_once(read):
@@ -96,10 +91,8 @@ def test_all_mistakes_are_named_at_once(read):
     ("text", "sentence"),
     [
         ("[loop]\nkp = nan", "kp = nan: give a finite number"),
-        ("[loop]\nkp = 1e999", "kp = inf: give a finite number"),
         ("[loop]\nkp = '0.1'", "kp = '0.1': give a number"),
         ("[loop]\nbacklash = 0.95", "backlash = 0.95: must be from 0 to 0.9"),
-        ("[loop]\nbacklash = -0.1", "backlash = -0.1: must be from 0 to 0.9"),
         ("[loop]\nbacklash_estimate = 1", "backlash_estimate = 1: must be from 0 and below 1"),
         ("[loop]\nti = 0", "ti = 0 s: must be above 0"),
         ("[loop]\nsample_time = 2.5", "sample_time = 2.5 s: must be whole"),
@@ -132,6 +125,7 @@ def test_all_mistakes_are_named_at_once(read):
         ("[loop\n", "not valid TOML"),
         ("[sweep]\nkp = [1]", "[loop] is missing"),
         ("loop = 3", "loop = 3: give a table"),
+        ("sample = 4\n[loop]", "sample = 4: give a table"),
         (b"[loop]\ntitle = '\xe9'", "is not UTF-8"),
     ],
 )
@@ -139,30 +133,16 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, text, sente
     assert sentence in only_problem(read, text)
 
 
-def test_a_sweep_too_large_for_memory_is_counted_and_refused_before_anything_is_made(read):
-    axes = "\n".join(f"{n} = {{ linspace = [0.01, 0.5, 1000] }}" for n in ("backlash", "kp", "noise_std", "buffer"))
-    problem = only_problem(read, f"[loop]\n[sweep]\n{axes}")
-    assert "1,000,000,000,000 scenarios need" in problem
-    assert "sweep fewer values" in problem
-
-
 def test_windows_line_ends_and_a_byte_order_mark_change_nothing(read):
     plain = read("[loop]\nkp = 0.04\n")
     assert read("﻿[loop]\r\nkp = 0.04\r\n".encode()).sha256 == plain.sha256
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        "[loop]\nkp = 0.05\n[sweep]\nti = [5, 9]\nbacklash = [0.1]",
-        "[loop]\nkp = 0.04\n[sweep]\nti = [9, 5]\nbacklash = [0.1]",
-        "[loop]\nkp = 0.04\n[sweep]\nbacklash = [0.1]\nti = [5, 9]",
-        "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]\n[run]\nseed = 1",
-        "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]\n[boundary]\nseed = 2",
-    ],
-)
-def test_the_hash_tells_studies_apart(read, other):
-    assert read("[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]").sha256 != read(other).sha256
+def test_the_hash_tells_studies_apart(read):
+    text = "[loop]\nkp = 0.04\n[sweep]\nti = [5, 9]\nbacklash = [0.1]"
+    others = [text.replace("0.04", "0.05"), text.replace("5, 9", "9, 5"), f"{text}\n[boundary]\nseed = 2"]
+    others += ["[loop]\nkp = 0.04\n[sweep]\nbacklash = [0.1]\nti = [5, 9]", f"{text}\n[run]\nseed = 1"]
+    assert len({read(one).sha256 for one in (text, *others)}) == 6
 
 
 def test_the_hash_is_of_values_and_not_of_their_spelling(read):
@@ -172,10 +152,14 @@ def test_the_hash_is_of_values_and_not_of_their_spelling(read):
     assert "# why" in same.text, "the text is kept as it was written"
 
 
+def log(T_set):
+    head = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
+    return head + "".join(f"{t},1.2,25,10,7,{T_set}\n" for t in range(0, 7260, 60))
+
+
 def test_the_hash_is_also_of_what_lies_in_other_files(read, tmp_path):
     def day(T_set):
-        log = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
-        (tmp_path / "log.csv").write_text(log + "".join(f"{t},1.2,25,10,7,{T_set}\n" for t in range(0, 7260, 60)))
+        (tmp_path / "log.csv").write_text(log(T_set))
         return read("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'").sha256
 
     assert day(14) == day(14)
@@ -188,8 +172,7 @@ def test_the_template_is_a_valid_study(read):
 
 def test_a_relative_path_starts_from_the_study_file(tmp_path):
     (tmp_path / "sub").mkdir()
-    log = "elapsed_time [s],m_a [kg/s],T_a_in [degC],W_a_in [g/kg],T_w_in [degC],T_set [degC]\n"
-    (tmp_path / "sub" / "log.csv").write_text(log + "".join(f"{t},1.2,25,10,7,14\n" for t in range(0, 7260, 60)))
+    (tmp_path / "sub" / "log.csv").write_text(log(14))
     (tmp_path / "sub" / "study.toml").write_text("[loop]\n[boundary]\nkind = 'csv'\npath = 'log.csv'")
     boundary = read_study(tmp_path / "sub" / "study.toml").plan.layout.boundary
     assert boundary.series["W_a_in"][0, 0] == pytest.approx(0.010)
