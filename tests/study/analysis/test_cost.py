@@ -165,15 +165,23 @@ def test_a_price_that_cannot_be_is_refused(given, words):
     assert words in sentence
 
 
-def test_a_result_without_energy_or_with_odd_dates_is_refused():
-    (sentence,) = problems(fc.cost, result(3).drop_vars(["reheat_energy", "recool_energy"]), **PRICES)
-    assert "ds has no reheat_energy, recool_energy: keep all metrics" in sentence
-    (sentence,) = problems(fc.cost, result(3).assign_coords(start=("day", [1, 2, 3])), **PRICES)
-    assert "start has something else than a date" in sentence
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (
+            lambda ds: ds.drop_vars(["reheat_energy", "recool_energy"]),
+            "ds has no reheat_energy, recool_energy: keep all",
+        ),
+        (lambda ds: ds.assign_coords(start=("day", [1, 2, 3])), "start has something else than a date"),
+        (lambda ds: ds.assign(status=ds.status.max("day")), "over other dims than status"),
+        (lambda ds: ds.expand_dims(month=["a", "b"]), "ds has a dimension or coordinate month"),
+        (lambda ds: ds.isel(day=[]), "ds has nothing along day: choose a label at least"),
+    ],
+)
+def test_a_result_without_energy_or_with_odd_dates_is_refused(changed, words):
+    (sentence,) = problems(fc.cost, changed(result(3)), **PRICES)
+    assert words in sentence
+
+
+def test_every_price_that_is_missing_is_named():
     assert len(problems(fc.cost, result(3))) == 3
-    (sentence,) = problems(fc.cost, result(3).assign(status=result(3).status.max("day")), **PRICES)
-    assert "over other dims than status" in sentence
-    (sentence,) = problems(fc.cost, result(3, ("month", ["a", "b"])), **PRICES)
-    assert "ds has a dimension or coordinate month" in sentence
-    (sentence,) = problems(fc.cost, result(3).isel(day=[]), **PRICES)
-    assert "ds has nothing along day: choose a label at least" in sentence

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers.costly_results import PRICES, result
+from helpers.results import result as hand_made
 
 import fastcoil as fc
 from fastcoil.study.analysis import summary as baselines
@@ -62,7 +63,6 @@ def test_a_dead_band_is_compared_with_the_same_tuning_without():
 STUDY = """
 title = "small"
 [loop]
-preset = "paper_like"
 [sweep]
 backlash = [0.0, 0.03, 0.07, 0.1]
 estimate_ratio = [0.0, 0.95]
@@ -123,14 +123,9 @@ def test_a_study_without_a_choice_of_tunings_says_nothing_of_the_best_pi(tmp_pat
     assert "dead band" not in said
 
 
-def off_for(share_off, hunts):
-    n = len(share_off)
-    values = {"status": np.zeros(n, np.int8), "rmse": np.ones(n), "share_off": share_off, "hunts": hunts}
-    return xr.Dataset({name: ("sample", np.asarray(v)) for name, v in values.items()})
-
-
 def test_scenarios_off_their_set_point_for_over_half_of_the_time_are_told():
-    lines = summary(off_for([0.51, 1.0, 0.5, np.nan], [1.0, 0.0, 1.0, np.nan]))
+    share_off, hunts = [0.51, 1.0, 0.5, np.nan], [1.0, 0.0, 1.0, np.nan]
+    lines = summary(hand_made(("sample",), rmse=np.ones(4), share_off=share_off, hunts=hunts))
     (said,) = [line for line in lines if "off their set-point" in line]
     assert said.startswith(
         "2 of 4 are more than 0.5 K off their set-point for over half of the time, 1 of them hunting"
