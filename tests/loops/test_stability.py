@@ -5,7 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.loops.scenarios import Layout
-from fastcoil.loops.stability import check_stability
+from fastcoil.loops.stability import check_stability, stable
 from fastcoil.model import moist_air
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -119,3 +119,10 @@ def test_one_unstable_scenario_refuses_the_study_and_is_counted(days, refused):
 def test_the_unstable_place_is_named_by_its_label(days, refused):
     (problem,) = refused(fc.Loop(C_c=("backlash", [9.0, 1.0]), backlash=[0.03, 0.15]), days, warm_up=60)
     assert "backlash=0.15" in problem
+
+
+def test_stable_says_what_a_simulation_refuses(short):
+    loop = fc.Loop(n_volumes=[8, 9])
+    assert stable(loop, short).values.tolist() == [True, False]
+    with pytest.raises(fc.InputError, match="unstable"):
+        fc.simulate(loop, short, warm_up=0)

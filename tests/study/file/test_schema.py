@@ -24,65 +24,6 @@ STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*/*.toml"))
 SCHEMA = study_schema()
 VALIDATOR = Draft202012Validator(SCHEMA)
 
-EVERYTHING = """
-title = "every table"
-question = "and every way to write a value?"
-[loop]
-preset = "lbnl"
-rangeability = 50
-noise_std = 0.05
-action = "heating"
-n_volumes = 8
-[sweep]
-backlash = { linspace = [0.01, 0.15, 3] }
-learning_floor = { geomspace = [0.001, 0.1, 3] }
-air_march = ["lagged", "quasistatic"]
-m_full = [1.0, 1.2]
-[cases.tuning]
-slow = { ti = 60 }
-fast = { ti = 10, kp = 0.05 }
-as_is = {}
-[cases.learner]
-on = { learning_step = 0.007, learning_stop = "first_step_down" }
-off = {}
-[sample]
-method = "sobol"
-size = 16
-seed = 18446744073709551615
-estimate_ratio = { uniform = [0.5, 1.0] }
-C_w = { loguniform = [8, 10] }
-sensor_time_constant = { truncnorm = [30, 5, 20, 40] }
-authority = { triangular = [0.2, 0.5, 0.8] }
-sample_time = { choice = [5, 10, 30] }
-buffer = { choice = [0.0, 0.01] }
-[boundary]
-kind = "paper_day"
-hours = 1
-seed = [1, 2]
-[run]
-seed = 7
-replicates = 2
-warm_up = 600
-traces = ["T_sup", "T_c"]
-trace_interval = 30
-reduce = "mine:overshoot"
-[tune]
-search = { kp = [0.005, 0.1], error_dead_band = [0, 0.5] }
-objective = "iae"
-quantile = "mean"
-limits = { motor_travel = 20, stem_travel = "now", hunts = [0.05, "mean"], reversals = [900, 0.9] }
-holdout = [2]
-evaluations = 60
-[tariff]
-electricity = 0.13
-demand = 15
-heat = 0.05
-cop = 4.5
-electric_heat = true
-currency = "EUR"
-baseline = { tuning = "as_is" }
-"""
-
 
 def mistakes(text):
     return [error.message for error in VALIDATOR.iter_errors(tomllib.loads(text))]
@@ -99,16 +40,6 @@ def test_the_studies_of_this_repository_are_valid(path):
     assert mistakes(path.read_text()) == []
 
 
-@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
-def test_a_study_with_everything_is_valid_and_is_read(tmp_path):
-    assert mistakes(EVERYTHING) == []
-    tables = tomllib.loads(EVERYTHING)
-    assert tables.keys() == SCHEMA["properties"].keys()
-    (tmp_path / "mine.py").write_text("def overshoot(traces): ...")
-    (tmp_path / "study.toml").write_text(EVERYTHING)
-    assert read_study(tmp_path / "study.toml").plan.n_scenarios == 2 * 3 * 3 * 2 * 2 * 3 * 2 * 16 * 2
-
-
 def uncommented(template):
     """The template with every setting that stands there as a comment."""
     return "\n".join(
@@ -121,6 +52,7 @@ def test_the_template_is_valid_also_with_all_that_it_shows_as_comments(tmp_path)
     assert mistakes(TEMPLATE) == []
     text = uncommented(TEMPLATE)
     assert mistakes(text) == []
+    assert tomllib.loads(text).keys() == SCHEMA["properties"].keys()
     (tmp_path / "mine.py").write_text("def overshoot(traces): ...")
     (tmp_path / "valve.toml").write_text("[loop]\nvalve_a = 0.6")
     (tmp_path / "coil.toml").write_text("[loop]\nbeta2 = -0.3")
@@ -147,6 +79,24 @@ def test_the_template_is_valid_also_with_all_that_it_shows_as_comments(tmp_path)
 )
 def test_arguments_of_every_kind_of_boundary_are_known(boundary):
     assert mistakes(f"[loop]\n[boundary]\n{boundary}") == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[loop]\nrangeability = 50\nn_volumes = 8\naction = 'cooling'\n[sweep]\nauthority = [0.5]\nm_full = [1.0, 1.2]",
+        "[loop]\n[sweep]\nlearning_floor = { geomspace = [0.001, 0.1, 3] }\nair_march = ['lagged', 'quasistatic']",
+        "[loop]\n[cases.learner]\non = { learning_step = 0.007, learning_stop = 'first_step_down' }\noff = {}",
+        "[loop]\n[sample]\nmethod = 'sobol'\nsize = 16\nseed = 18446744073709551615\nC_w = { loguniform = [9, 10] }",
+        "[loop]\n[boundary]\nhours = 1\nseed = [1, 2]\n[tune]\nsearch = { kp = [0.005, 0.1] }\nobjective = 'iae'\n"
+        "quantile = 'mean'\nlimits = { motor_travel = 20, reversals = [900, 0.9] }\nholdout = [2]\nevaluations = 60",
+        "[loop]\n[tariff]\nelectricity = 0\ndemand = 15\nheat = 0.05\nelectric_heat = true\ncurrency = 'EUR'",
+    ],
+)
+def test_other_ways_to_write_a_value_are_valid_and_are_read(tmp_path, text):
+    assert mistakes(text) == []
+    (tmp_path / "study.toml").write_text(text)
+    assert read_study(tmp_path / "study.toml").plan.n_scenarios >= 1
 
 
 def test_every_kind_of_boundary_has_its_arguments_and_the_needed_ones():

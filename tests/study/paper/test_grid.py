@@ -7,10 +7,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.presets import COOLING
-from fastcoil.loops.stability import stable
 from fastcoil.study.paper import grid
-from fastcoil.study.paper import grid as kinds
-from fastcoil.study.paper import grid as runs
 
 pytestmark = pytest.mark.kernel
 
@@ -22,19 +19,12 @@ def test_the_grid_has_at_least_500_tunings_and_the_presets_by_name():
     lbnl = loop["stroke_time"].sel(tuning="lbnl")
     assert float(lbnl) == fc.Loop.preset("lbnl")["stroke_time"]
     for start, step in grid.STARTS_AND_STEPS:
-        updates = np.ceil((runs.BACKLASH - start) / step) + 2
-        assert updates * runs.INTERVAL < grid.LONG_HOURS * 3600
+        updates = np.ceil((grid.BACKLASH - start) / step) + 2
+        assert updates * grid.INTERVAL < grid.LONG_HOURS * 3600
 
 
-def test_stable_says_what_a_simulation_refuses(short):
-    loop = fc.Loop(n_volumes=[8, 9])
-    assert stable(loop, short).values.tolist() == [True, False]
-    with pytest.raises(fc.InputError, match="unstable"):
-        fc.simulate(loop, short, warm_up=0)
-
-
-STEPPED = {"stepped": kinds.stepped}
-TWO_KINDS = STEPPED | {"constant": kinds.constant}
+STEPPED = {"stepped": grid.stepped}
+TWO_KINDS = STEPPED | {"constant": grid.constant}
 
 
 def few(*names):
@@ -65,11 +55,11 @@ def test_the_best_gains_have_the_lowest_error_of_those_that_do_not_hunt_without_
                     "no backlash": loop.assign(backlash=0.0),
                     "best PI": loop.assign(backlash=0.07),
                     "best inverse": loop.assign(
-                        backlash=0.07, estimate_ratio=0.95, buffer=runs.BUFFER_SIGMAS * grid.SEARCH_NOISE * K
+                        backlash=0.07, estimate_ratio=0.95, buffer=grid.BUFFER_SIGMAS * grid.SEARCH_NOISE * K
                     ),
                 }
                 ran = {
-                    name: [fc.simulate(one, make(8, [7]), seed=runs.SEED) for make in TWO_KINDS.values()]
+                    name: [fc.simulate(one, make(8, [7]), seed=grid.SEED) for make in TWO_KINDS.values()]
                     for name, one in tries.items()
                 }
                 if not any(bool(ds.hunts.any()) for ds in ran["no backlash"]):
@@ -97,15 +87,15 @@ def test_days_of_a_kind_are_those_of_a_simulation_of_their_own(monkeypatch):
     wanted = {
         "95 %": lbnl.assign(estimate_ratio=0.95),
         "dead band": lbnl.assign(error_dead_band=grid.DEAD_BAND),
-        "best PI, noise": lbnl.assign(kp=0.1, ti=100.0, noise_std=runs.NOISE),
+        "best PI, noise": lbnl.assign(kp=0.1, ti=100.0, noise_std=grid.NOISE),
         "best PI, 95 %": lbnl.assign(kp=0.1, ti=100.0, estimate_ratio=0.95),
         "best inverse, noise, buffer": lbnl.assign(
-            kp=0.05, ti=50.0, noise_std=runs.NOISE, estimate_ratio=0.95, buffer=runs.BUFFER_SIGMAS * runs.NOISE * 0.05
+            kp=0.05, ti=50.0, noise_std=grid.NOISE, estimate_ratio=0.95, buffer=grid.BUFFER_SIGMAS * grid.NOISE * 0.05
         ),
     }
     for name, one in wanted.items():
         for kind, make in TWO_KINDS.items():
-            alone = fc.simulate(one, make(8, [7, 8]), seed=runs.SEED)
+            alone = fc.simulate(one, make(8, [7, 8]), seed=grid.SEED)
             for metric in ("rmse", "motor_travel", "switch_frequency"):
                 np.testing.assert_array_equal(ds[metric].sel(case=name, kind=kind), alone[metric], err_msg=name)
 
@@ -114,7 +104,7 @@ def test_all_kinds_keep_their_units_and_their_hash():
     ds = grid.on_every_kind(few("lbnl"), TWO_KINDS, 1, (7,))
     assert ds.rmse.dims[0] == "kind"
     assert ds.rmse.attrs["units"] == "K"
-    assert ds.attrs["content_sha256"] == runs.rehashed(ds).attrs["content_sha256"]
+    assert ds.attrs["content_sha256"] == grid.rehashed(ds).attrs["content_sha256"]
     assert isinstance(ds, xr.Dataset)
 
 
@@ -122,7 +112,7 @@ SEEDS = (5, 6)
 
 
 def test_days_of_all_kinds_share_air_flow_water_and_the_seeds_of_the_noise():
-    days = [make(1, SEEDS) for make in kinds.KINDS.values()]
+    days = [make(1, SEEDS) for make in grid.KINDS.values()]
     for other in days[1:]:
         assert other.day.tolist() == days[0].day.tolist() == list(SEEDS)
         for name in ("m_a", "T_w_in", "sensor_noise"):
@@ -131,30 +121,30 @@ def test_days_of_all_kinds_share_air_flow_water_and_the_seeds_of_the_noise():
 
 
 def test_the_first_kind_is_the_paper_s_and_only_there_the_set_point_steps():
-    assert next(iter(kinds.KINDS)) == "stepped"
+    assert next(iter(grid.KINDS)) == "stepped"
     paper = fc.paper_day(hours=2, seed=SEEDS)
-    for name, make in kinds.KINDS.items():
+    for name, make in grid.KINDS.items():
         day = make(2, SEEDS)
         if name == "stepped":
             assert all(np.array_equal(day.series[n], paper.series[n]) for n in paper.series)
         else:
-            assert (day.series["T_set"] == kinds.T_SET).all()
+            assert (day.series["T_set"] == grid.T_SET).all()
 
 
 def test_a_design_day_is_milder_than_the_extreme_and_differs_by_seed():
-    one, other = kinds.design(8, SEEDS).series["T_a_in"]
-    extreme = fc.design_day(hours=8, outdoor_fraction=max(kinds.OUTDOOR_FRACTIONS)).series["T_a_in"][0]
+    one, other = grid.design(8, SEEDS).series["T_a_in"]
+    extreme = fc.design_day(hours=8, outdoor_fraction=max(grid.OUTDOOR_FRACTIONS)).series["T_a_in"][0]
     assert not np.allclose(one, other)
     for air in (one, other):
         assert (air < extreme).all()
-        assert (air > kinds.T_SET + 5).all()
-    given = fc.design_day(hours=8, T_design=kinds.EXTREME[0], T_wet_bulb=kinds.EXTREME[1])
+        assert (air > grid.T_SET + 5).all()
+    given = fc.design_day(hours=8, T_design=grid.EXTREME[0], T_wet_bulb=grid.EXTREME[1])
     for name in ("T_a_in", "W_a_in"):
         np.testing.assert_array_equal(given.series[name], fc.design_day(hours=8).series[name])
 
 
 def test_every_kind_has_words_of_its_own():
-    said = [kinds.words(make) for make in kinds.KINDS.values()]
+    said = [grid.words(make) for make in grid.KINDS.values()]
     assert len(set(said)) == len(said)
     assert all(len(text) > 20 and not text.endswith(".") for text in said)
 
@@ -165,11 +155,11 @@ def test_the_arithmetic_of_the_three_hours_is_what_happens(folder):
         (4.5, "= 4.5 h", literal.learn_time_reached),
         (5.5, "5.5 h until", literal.learn_time_confirmed),
     ):
-        assert words in runs.arithmetic()
+        assert words in grid.arithmetic()
         np.testing.assert_array_equal(times, 3600.0 * hours)
-    before = literal.estimate.sel(elapsed_time=slice(0, runs.THREE_HOURS - 1)).max("elapsed_time")
+    before = literal.estimate.sel(elapsed_time=slice(0, grid.THREE_HOURS - 1)).max("elapsed_time")
     np.testing.assert_allclose(before, 0.042)
-    assert "4.2 % at most" in runs.arithmetic()
+    assert "4.2 % at most" in grid.arithmetic()
 
 
 def test_switches_of_the_figure_are_those_of_the_metric(folder):
@@ -180,6 +170,6 @@ def test_switches_of_the_figure_are_those_of_the_metric(folder):
 
 def test_the_buffer_is_six_deviations_of_the_noise_on_the_output():
     loop = grid.tunings(quick=True)
-    buffers = runs.buffers(loop, ["95 %", "95 %, noise, buffer"])
+    buffers = grid.buffers(loop, ["95 %", "95 %, noise, buffer"])
     np.testing.assert_allclose(buffers.isel(case=1), 6 * 0.05 * loop["kp"])
     assert (buffers.isel(case=0) == 1e-9).all()
