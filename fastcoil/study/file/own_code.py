@@ -7,11 +7,10 @@ parsed from it.  Nothing is run here, nor of a package that the module is in: th
 from __future__ import annotations
 
 import ast
-import functools
 import hashlib
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -46,46 +45,39 @@ def find_source(what: str, text: str, folder: Path) -> Source:
     what: the word of the study file that names it.
     """
     module, _, function = text.partition(":")
-    parts = module.split(".")
+    parts, given = module.split("."), f"{what} = {text!r}"
     if not all(part.isidentifier() for part in (*parts, function)):
         raise InputError(
-            f"{what} = {text!r}: give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
+            f"{given}: give module:function, such as 'mine:overshoot' for the function overshoot in mine.py"
         )
     path = folder.joinpath(*parts).with_suffix(".py")
     require_usable(path, f"give {what} = {shown(text)} a shorter name")
     if not is_file(path):
-        path = _find_importable(what, text, parts, path)
+        spec = _importable(parts)
+        if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+            found = "no module" if spec is None else "no module written in Python"
+            raise InputError(
+                f"{given}: there is no {path}, and {found} {module} can be imported: put {path.name} next to the study "
+                "file, or install the module"
+            )
+        path = Path(spec.origin)
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares
         source.encode()
     except TooLargeError as error:
-        raise InputError(f"{what} = {text!r}: {path} {error}: move what the function does not need elsewhere") from None
+        raise InputError(f"{given}: {path} {error}: move what the function does not need elsewhere") from None
     except (OSError, SyntaxError, ValueError, LookupError) as error:
-        raise InputError(f"{what} = {text!r}: {path} cannot be read: {type(error).__name__}: {error}") from None
+        raise InputError(f"{given}: {path} cannot be read: {type(error).__name__}: {error}") from None
     return Source(text, source, path)
 
 
-def _find_importable(what: str, text: str, parts: Sequence[str], tried: Path) -> Path:
-    """Source file of a module that can be imported."""
-    spec = _find_spec(parts)
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        found = "no module" if spec is None else "no module written in Python"
-        raise InputError(
-            f"{what} = {text!r}: there is no {tried}, and {found} {'.'.join(parts)} can be imported: put {tried.name} "
-            "next to the study file, or install the module"
-        )
-    return Path(spec.origin)
-
-
-def _find_spec(parts: Sequence[str]) -> ModuleSpec | None:
+def _importable(parts: Sequence[str]) -> ModuleSpec | None:
     """Where a module would be imported from; ``importlib.util.find_spec`` imports the packages that it lies in."""
     top, *rest = parts
-    specs = (finder.find_spec(top, None) for finder in sys.meta_path)
-    spec = next((s for s in specs if s is not None), None)
+    spec = next((s for s in (finder.find_spec(top, None) for finder in sys.meta_path) if s is not None), None)
     for part in rest:
-        if spec is None or spec.submodule_search_locations is None:
-            return None
-        spec = PathFinder.find_spec(part, list(spec.submodule_search_locations))
+        folders = spec.submodule_search_locations if spec else None
+        spec = PathFinder.find_spec(part, list(folders)) if folders is not None else None
     return spec
 
 
@@ -96,25 +88,30 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Sour
     without their code.
     """
     problems: list[str] = []
-    found: dict[str, dict[str, Source]] = {kind: {} for kind in KINDS}
+    named: dict[tuple[str, str], Source] = {}
 
-    def named(kind: str, word: str) -> str:
+    def renamed(value: Any, kind: str = "") -> Any:
+        """A table with the name of a rule in place of each ``module:function``."""
+        if isinstance(value, dict):
+            return {key: renamed(part, key if key in KINDS else kind) for key, part in value.items()}
+        if isinstance(value, list):
+            return [renamed(part, kind) for part in value]
+        if not kind or not isinstance(value, str) or ":" not in value:
+            return value
         with collecting(problems):
-            found[kind].setdefault(word, find_source(kind, word, folder))
-        return word.rpartition(":")[2]
+            named.setdefault((kind, value), find_source(kind, value, folder))
+        return value.rpartition(":")[2]
 
-    update = {table: _renamed(getattr(file, table), named) for table in ("loop", "sweep", "cases", "sample")}
+    update = {table: renamed(getattr(file, table)) for table in ("loop", "sweep", "cases", "sample")}
     sources: dict[str, Source] = {}
     rules: dict[str, Rule] = {}
-    for kind, of_kind in found.items():
-        for word, source in of_kind.items():
-            name = word.rpartition(":")[2]
-            if sources.setdefault(name, source) != source or rules.get(name, kind) != kind:
-                problems.append(f"two rules are called {name}: rename one of them")
-                continue
-            with collecting(problems, f"{kind} = {word!r}: "):
-                rules[name] = declared(kind, name, source)
-    _parsed.cache_clear()
+    for (kind, word), source in sorted(named.items(), key=lambda one: list(KINDS).index(one[0][0])):
+        name = word.rpartition(":")[2]
+        if sources.setdefault(name, source) != source or rules.get(name, kind) != kind:
+            problems.append(f"two rules are called {name}: rename one of them")
+            continue
+        with collecting(problems, f"{kind} = {word!r}: "):
+            rules[name] = declared(kind, name, source)
     if problems:
         raise InputError(list(dict.fromkeys(problems)))
     return file.model_copy(update=update), sources, rules
@@ -125,7 +122,7 @@ def declared(kind: str, name: str, source: Source) -> Rule:
     if is_word(name):
         raise InputError(f"{name} is taken, call the function something else")
     try:
-        module = _parsed(source.source)
+        module = ast.parse(source.source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise InputError(f"{source.path} is no Python: {type(error).__name__}: {error}") from None
     functions = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == name]
@@ -139,23 +136,9 @@ def declared(kind: str, name: str, source: Source) -> Rule:
             f"put @fc.{kind}(Parameters, Memory) before {name}, with classes of {source.path.name} itself, so that the "
             "study can be read without running it"
         )
-    own = own_parameters(name, dict(_fields(name, classes[-1])))
-    fields = [name for name, _ in _fields(name, classes[-1])]
+    fields = dict(_fields(name, classes[-1]))
+    own = own_parameters(name, fields)
     return Rule(kind, name, own, tuple(n for n in fields if n not in own), source.sha256)
-
-
-@functools.lru_cache(maxsize=1)
-def _parsed(source: str) -> ast.Module:
-    return ast.parse(source)
-
-
-def _renamed(value: Any, named: Callable[[str, str], str], kind: str = "") -> Any:
-    """A table with the name of a rule in place of each ``module:function``."""
-    if isinstance(value, dict):
-        return {key: _renamed(part, named, key if key in KINDS else kind) for key, part in value.items()}
-    if isinstance(value, list):
-        return [_renamed(part, named, kind) for part in value]
-    return named(kind, value) if kind and isinstance(value, str) and ":" in value else value
 
 
 def _last(node: ast.expr) -> str:
@@ -168,17 +151,17 @@ def _fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
     for node in cls.body:
         if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
             continue
-        default = node.value
+        default, name = node.value, node.target.id
         try:
             if isinstance(default, ast.Call) and _last(default.func) == "parameter":
                 words = {str(k.arg): ast.literal_eval(k.value) for k in default.keywords}
-                yield node.target.id, parameter(*map(ast.literal_eval, default.args), **words)
+                yield name, parameter(*map(ast.literal_eval, default.args), **words)
             else:
-                yield node.target.id, None if default is None else ast.literal_eval(default)
-        except (ValueError, TypeError, SyntaxError) as error:
-            if isinstance(error, InputError):
-                raise
+                yield name, None if default is None else ast.literal_eval(default)
+        except InputError:
+            raise
+        except (ValueError, TypeError, SyntaxError):
             raise InputError(
-                f"{rule}: the default of {node.target.id} is no number: write one, so that the study can be read "
-                "without running it"
+                f"{rule}: the default of {name} is no number: write one, so that the study can be read without "
+                "running it"
             ) from None
