@@ -23,8 +23,7 @@ from fastcoil.model.metric_table import STATUS_MEANINGS, STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import Rule, rules_for_kernels
 
-TOLERANCE = 1e-9
-"""Fraction of stroke up to which two estimates, or two openings, count as one."""
+TOLERANCE = 1e-9  # fraction of stroke up to which two estimates, or two openings, count as one
 _TRACES = ("T_measured", "u", "command", "mode", "estimate")
 
 

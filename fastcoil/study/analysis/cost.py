@@ -17,8 +17,7 @@ from fastcoil.base.errors import InputError, shown
 from fastcoil.loops.dataset import attributes, check_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY
 
-COP = 4.0
-"""Of a chiller with its tower, at the mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5."""
+COP = 4.0  # of a chiller with its tower, at the mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5
 COP_LIMITS = 0.5, 20.0
 CURRENCY = "USD"
 LONGEST_CURRENCY = 20
@@ -29,8 +28,7 @@ PRICES = {
     "heat": ("the price of a kWh of heat, that of gas over the efficiency of the boiler", 0.05),
 }
 """Every price: what it is, and an example for messages."""
-MONTH = 30
-"""Days of a block where the results have no dates."""
+MONTH = 30  # days of a block where the results have no dates
 _MEAN_MONTH = 365.0 / 12.0
 
 

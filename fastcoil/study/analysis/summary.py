@@ -15,8 +15,7 @@ from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
 from fastcoil.study.analysis.paired import Middle, middle_of
 from fastcoil.study.analysis.selected import numeric_dims
 
-PLANT = ("coil", "valve", "actuator", "sensor")
-"""Groups of parameters that a controller cannot choose."""
+PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
 
 
 def tuning_dims(ds: xr.Dataset) -> list[Hashable]:

@@ -62,8 +62,7 @@ def _read_parameters(path: Path, name: str) -> dict[str, Any]:
     return loop
 
 
-LONGEST_AXIS = 1_000_000
-"""Values; more take minutes to label, and a design that large is drawn with [sample]."""
+LONGEST_AXIS = 1_000_000  # values; more take minutes to label, and a design that large is drawn with [sample]
 _MOST_DIMS = 32
 _MOST_NAMED = 5
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}

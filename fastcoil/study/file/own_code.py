@@ -21,8 +21,7 @@ from fastcoil.base.files import TooLargeError, is_file, read_bytes, require_usab
 from fastcoil.model.user_rules import KINDS, Rule, is_word, own_parameters, parameter
 from fastcoil.study.file.tables import StudyFile
 
-_LARGEST = 2**18
-"""Bytes of source: to read one as Python takes 500 times its memory."""
+_LARGEST = 2**18  # bytes of source: to read one as Python takes 500 times its memory
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,8 @@ from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 from fastcoil.study.file.tables import are_numbers, first_of, known_parameters
 
-SAMPLE_DIM, DESIGN_DIM = "sample", "design"
-"""The dimensions of a design; only ``saltelli`` has the second."""
-SETTINGS = ("method", "size", "seed")
-"""Keys of ``[sample]`` that are not parameters."""
+SAMPLE_DIM, DESIGN_DIM = "sample", "design"  # the dimensions of a design; only ``saltelli`` has the second
+SETTINGS = ("method", "size", "seed")  # keys of ``[sample]`` that are not parameters
 SALTELLI = "saltelli"
 METHODS = ("latin_hypercube", "sobol", "random", SALTELLI)
 POWERS_OF_TWO = ("sobol", SALTELLI)
@@ -44,14 +42,13 @@ def _order(low: float, high: float) -> str | None:
     return None if low < high else "the lowest value must be below the highest"
 
 
-def _positive_order(low: float, high: float) -> str | None:
+def _above_0(low: float, high: float) -> str | None:
     return _order(low, high) or (None if low > 0.0 else "the lowest value must be above 0")
 
 
 def _inside(low: float, mode: float, high: float) -> str | None:
-    return _order(low, high) or (
-        None if low <= mode <= high else "the most likely value must lie between the lowest and the highest"
-    )
+    between = "the most likely value must lie between the lowest and the highest"
+    return _order(low, high) or (None if low <= mode <= high else between)
 
 
 def _spread(_mean: float, std: float, low: float, high: float) -> str | None:
@@ -68,7 +65,7 @@ def _triangular(stats: Any, low: float, mode: float, high: float) -> Any:
 
 DISTRIBUTIONS: dict[str, Distribution] = {
     "uniform": Distribution(("lowest", "highest"), _order, lambda stats, a, b: stats.uniform(a, b - a)),
-    "loguniform": Distribution(("lowest", "highest"), _positive_order, lambda stats, a, b: stats.loguniform(a, b)),
+    "loguniform": Distribution(("lowest", "highest"), _above_0, lambda stats, a, b: stats.loguniform(a, b)),
     "truncnorm": Distribution(("mean", "standard deviation", "lowest", "highest"), _spread, _truncnorm),
     "triangular": Distribution(("lowest", "most likely", "highest"), _inside, _triangular),
 }
@@ -95,11 +92,6 @@ def sample_values(table: Mapping[str, Any], known: Mapping[str, Parameter] = PAR
     they are the first of a larger ``size``.  ``saltelli`` draws for Sobol' indices: two independent samples, ``A`` and
     ``B`` along a dimension ``design``, and for each parameter ``A`` with only that parameter taken from ``B``
     (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the table.
     """
     problems = _find_setting_problems(table)
     names = sampled_names(table)

@@ -134,13 +134,10 @@ def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Bound
     return plan_tuning(loop, boundary, holdout=holdout, **options)
 
 
-LARGEST_FILE = 2**20
-"""Bytes; no study written by hand is larger."""
+LARGEST_FILE = 2**20  # bytes; no study written by hand is larger
 Made = TypeVar("Made")
-_NOT_DECISIVE = ("title", "question", "tune", "tariff")
-"""Tables on which no scenario depends."""
-_LONGEST_NAME = 200
-"""Characters of a path that an advice repeats."""
+_NOT_DECISIVE = ("title", "question", "tune", "tariff")  # tables on which no scenario depends
+_LONGEST_NAME = 200  # characters of a path that an advice repeats
 
 
 @dataclass(frozen=True)
@@ -195,24 +192,11 @@ class Study:
 def read_study(
     path: Path, folder: Path | None = None, *, prepare: Callable[[str, Source], object] | None = None
 ) -> Study:
-    """Read and validate a study file.
+    """Read and validate a study file; ``InputError`` with one sentence for each mistake in it.
 
-    Parameters
-    ----------
-    path
-        The TOML file.
-    folder
-        Where relative paths in ``[boundary]`` and ``include`` and the modules of its own code start from; the file's
-        folder by default.
-    prepare
-        Loads the study's own code, called with the word that names it, ``reduce``, ``estimator`` or ``law``, and its
-        source, so that its mistakes are reported with the others.  By default nothing does: reading a study runs no
-        code that comes with it.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the file.
+    folder: where relative paths and the modules of its own code start from; the file's by default.  prepare: loads the
+    study's own code, called with the word that names it (``reduce``, ``estimator`` or ``law``) and its source, so that
+    its mistakes are reported with the others; by default nothing does: reading a study runs none of its code.
     """
     what = "a study file, or make one with `fastcoil init" + (f" {path}`" if len(str(path)) < _LONGEST_NAME else "`")
     text = read_text(path, what, LARGEST_FILE).replace("\r\n", "\n")

@@ -72,8 +72,7 @@ predict = false                         # true: margin, hunting, its period and 
 """
 
 
-_ANALYSIS = "# Analysis: "
-"""Begins the line of a study file that names the script for what `fastcoil run` does not do."""
+_ANALYSIS = "# Analysis: "  # begins the line of a study file that names the script for what `fastcoil run` does not do
 
 
 @dataclass(frozen=True)

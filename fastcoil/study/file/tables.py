@@ -19,12 +19,9 @@ from fastcoil.model.metric_table import TRACES, WARM_UP
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
 from fastcoil.study.analysis.cost import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
 
-_DEEPEST = 20
-"""Tables and lists inside each other: a study needs five."""
-LONGEST_KEY = 200
-"""Characters; keys are labels of axes too."""
-_LARGEST_NUMBER = 8192
-"""Bits; Python shows no number that is much longer."""
+_DEEPEST = 20  # tables and lists inside each other: a study needs five
+LONGEST_KEY = 200  # characters; keys are labels of axes too
+_LARGEST_NUMBER = 8192  # bits; Python shows no number that is much longer
 _FLATTEN = f"give at most {_DEEPEST}"
 
 
@@ -72,8 +69,7 @@ def _unusable(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
 Schema = dict[str, Any]
 Value = TypeVar("Value")
 
-_MOST_HINTS = 20
-"""Unknown names for which a similar one is suggested: it takes a millisecond each."""
+_MOST_HINTS = 20  # unknown names for which a similar one is suggested: it takes a millisecond each
 _MOST_TRACES = 2 * len(TRACES)
 
 

@@ -27,18 +27,13 @@ from fastcoil.loops.stability import stable
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import water_flow
 
-Days = Callable[[float, Sequence[int]], Boundary]
-"""Makes a day of so many hours from each seed."""
+Days = Callable[[float, Sequence[int]], Boundary]  # makes a day of so many hours from each seed
 Kinds = Mapping[str, Days]
 
-T_SET = 14.0
-"""Where the set-point stands still, °C."""
-EXTREME = (33.3, 23.7)
-"""Dry and wet bulb of a design day, °C: those of ``design_day``."""
-MILDER = (0.0, 6.0)
-"""By how much a design day is milder than the extreme, K: limits of what the seed draws."""
-OUTDOOR_FRACTIONS = (0.2, 0.6)
-"""Limits of the share of outdoor air that the seed draws."""
+T_SET = 14.0  # where the set-point stands still, °C
+EXTREME = (33.3, 23.7)  # dry and wet bulb of a design day, °C: those of ``design_day``
+MILDER = (0.0, 6.0)  # by how much a design day is milder than the extreme, K: limits of what the seed draws
+OUTDOOR_FRACTIONS = (0.2, 0.6)  # limits of the share of outdoor air that the seed draws
 _STREAM = 20  # separates these draws from others with the same seed
 
 
@@ -72,8 +67,7 @@ def replaced(days: Boundary, seeds: Sequence[int], air: Sequence[Boundary] = ())
     return Boundary(**series, day=list(seeds))
 
 
-KINDS: Kinds = {"stepped": stepped, "constant": constant, "design": design}
-"""Kinds of days by name, the paper's first."""
+KINDS: Kinds = {"stepped": stepped, "constant": constant, "design": design}  # kinds of days by name, the paper's first
 
 
 def words(days: Days) -> str:
@@ -86,14 +80,11 @@ BACKLASH = 0.07
 STEP = 0.007
 INTERVAL = 1800
 """Backlash, step and interval of the learner: as printed in the paper."""
-THREE_HOURS = 3 * 3600
-"""In less than this, the paper says, the rule finds the backlash."""
-NOISE = 0.05
-"""Standard deviation of the measurement noise, K: our choice, the paper gives none."""
+THREE_HOURS = 3 * 3600  # in less than this, the paper says, the rule finds the backlash
+NOISE = 0.05  # standard deviation of the measurement noise, K: our choice, the paper gives none
 BUFFER_SIGMAS = 6.0
 """Buffer in standard deviations Kp σ of the noise on the PI's output: our choice, the paper gives none."""
-SEED = 2016
-"""Seed of the measurement noise."""
+SEED = 2016  # seed of the measurement noise
 FIGURE_DAY = 2000
 BAND_DAYS = range(2000, 2010)
 """Seeds of the days: no other study of this repository uses them."""
@@ -208,15 +199,12 @@ SEARCH_DAYS = range(2020, 2022)
 """Seeds of the days of each kind; no other study of this repository uses them."""
 BEST_KP, BEST_TI = np.geomspace(0.002, 0.4, 12), np.geomspace(5.0, 600.0, 10)
 """Gains among which the best ones are sought."""
-SEARCH_NOISE = 0.02
-"""Measurement noise of the search, K: without any, the fastest gains look better than they are."""
-DEAD_BAND = 0.2
-"""Error dead band of the PI that the inverse is compared with, K."""
+SEARCH_NOISE = 0.02  # measurement noise of the search, K: without any, the fastest gains look better than they are
+DEAD_BAND = 0.2  # error dead band of the PI that the inverse is compared with, K
 GAINS = ("kp", "ti")
 PLANT = ("C_c", "sensor_time_constant", "stroke_time", "sample_time")
 """What differs between tunings: gains, and what they are gains for."""
-RATIOS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0, 1.1, 1.2, 1.5)
-"""Estimates relative to the backlash."""
+RATIOS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0, 1.1, 1.2, 1.5)  # estimates relative to the backlash
 STARTS_AND_STEPS = ((0.001, 0.0035), (0.007, 0.007), (0.02, 0.007), (0.001, 0.014), (0.028, 0.028))
 """Initial guess and step of the learner; the first pair needs 10 h to reach the backlash."""
 LONG_HOURS = 24
@@ -260,16 +248,12 @@ def quiet(loop: Loop, n_jobs: int | None = None) -> xr.Dataset:
     late = ds["T_sup"].sel(elapsed_time=slice((QUIET_HOURS - 1) * 3600, None))
     low, high = late.min("elapsed_time"), late.max("elapsed_time")
     hunts = (high - low > HUNTS) & (low < T_AFTER) & (high > T_AFTER)
-    found = {
-        "overshoot": ((peak - T_AFTER) / (T_AFTER - T_BEFORE))
-        .drop_vars("case")
-        .assign_attrs(long_name="overshoot of a set-point step without backlash", units="1"),
-        "swing": (high - low).assign_attrs(long_name="peak-to-peak T_sup in the last hour", units="K"),
-        "hunts": hunts.assign_attrs(
-            long_name="hunts by itself", units="1", comment=f"swing above {HUNTS} K across the set-point"
-        ),
-    }
-    return rehashed(ds.drop_vars(["T_sup", "elapsed_time"]).assign(found))
+    overshoot = ((peak - T_AFTER) / (T_AFTER - T_BEFORE)).drop_vars("case")
+    ds["overshoot"] = overshoot.assign_attrs(long_name="overshoot of a set-point step without backlash", units="1")
+    ds["swing"] = (high - low).assign_attrs(long_name="peak-to-peak T_sup in the last hour", units="K")
+    comment = f"swing above {HUNTS} K across the set-point"
+    ds["hunts"] = hunts.assign_attrs(long_name="hunts by itself", units="1", comment=comment)
+    return rehashed(ds.drop_vars(["T_sup", "elapsed_time"]))
 
 
 def best_gains(loop: Loop, kinds: Kinds = KINDS, *, quick: bool = False, n_jobs: int | None = None) -> dict[str, Loop]:

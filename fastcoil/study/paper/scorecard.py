@@ -27,12 +27,9 @@ HOLDS, ONLY_IF, DOES_NOT_HOLD = "holds", "holds only if", "does not hold"
 SURELY = 0.95
 LEVEL = 0.95
 """Confidence of the intervals of shares."""
-WORTH_NAMING = 0.3
-"""Lowest Youden index of a region that is worth naming."""
-MATTERS = 0.1
-"""Least difference of shares between kinds of days that is worth reporting."""
-PAIR_GAIN = 0.1
-"""By how much the index of a pair of regions must exceed that of any single one."""
+WORTH_NAMING = 0.3  # lowest Youden index of a region that is worth naming
+MATTERS = 0.1  # least difference of shares between kinds of days that is worth reporting
+PAIR_GAIN = 0.1  # by how much the index of a pair of regions must exceed that of any single one
 
 
 Region = Callable[[xr.Dataset], xr.DataArray]
