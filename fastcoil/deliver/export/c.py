@@ -6,54 +6,46 @@ import ast
 from collections import Counter
 from textwrap import wrap
 
-from fastcoil.deliver.export.expressions import Language, broken, kind_of, loaded_in, stored_in
-from fastcoil.deliver.export.source import Constant, Function, Laws, aligned, counted, is_elif
-from fastcoil.deliver.export.words import WIDTH, number
+from fastcoil.deliver.export.printer import Printer, aligned, statements_in
+from fastcoil.deliver.export.source import Function, Laws, Named
+from fastcoil.deliver.export.words import WIDTH, broken, number
 
-_TYPES = {"real": "double", "flag": "bool", "whole": "int", "": "void"}
 _ZEROS = {"real": "0.0", "flag": "false", "whole": "0"}
-_WORDS = {"or": "||", "and": "&&", "not": "!", "True": "true", "False": "false", "==": "==", "group": ""}
-_WORDS |= {sign: sign for sign in ("<", "<=", ">", ">=", "!=")}
-_FUNCTIONS = {"abs": "fabs", "max": "fmax", "min": "fmin", "float": "(double)", "int": "(int)"}
-_FUNCTIONS |= {
-    f"math.{name}": name
-    for name in ("exp", "log", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "floor")
-}
+_MATHEMATICS = ("exp", "log", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "floor")
 _INCLUDED = "#include <math.h>\n#include <stdbool.h>\n#include <string.h>"
 _COMPILE = "GCC and Clang need -ffp-contract=off for that, and never -ffast-math."
-_BREAKS = r" (?=&& |\|\| |[-+*/] )"
+_PUBLIC = ("start", "step")
 
 
-class InC:
+class InC(Printer):
     """Writes the laws in C, with ``name`` before the names that other files see."""
 
+    TYPES = {"real": "double", "flag": "bool", "whole": "int", "": "void"}
+    WORDS = {
+        "or": "||", "and": "&&", "not": "!", "True": "true", "False": "false", "group": "", "=": "{} = {};",
+        "return": "return {};", "if": "if ({}) {{", "elif": "}} else if ({}) {{", "else": "} else {", "end": "}",
+    }  # fmt: skip
+    FUNCTIONS = {f"math.{name}": name for name in _MATHEMATICS} | {
+        "abs": "fabs", "max": "fmax", "min": "fmin", "float": "(double)", "int": "(int)",
+    }  # fmt: skip
+    BREAKS = r" (?=&& |\|\| |[-+*/] )|(?<=,) "
+
     def __init__(self, laws: Laws, name: str) -> None:
-        self.laws, self.state = laws, f"{name}_state"
-        self.names = {f: f"{name}_{f}" if f in ("start", "step") else f for f in laws.functions}
-        self.language = Language(
-            _WORDS,
-            _FUNCTIONS | self.names,
-            lambda field: f"s->{field}",
-            # fmin and fmax of whole numbers are doubles
-            lambda indices: "".join(f"[(int){one}]" if one.startswith("fm") else f"[{one}]" for one in indices),
-            number,
-        )
+        super().__init__(laws)
+        self.struct = f"{name}_state"
+        self.functions |= {one: f"{name}_{one}" if one in _PUBLIC else one for one in laws.functions}
+        self.declared: dict[str, str] = {}
 
     def text(self) -> str:
         """The whole file."""
         laws = self.laws
-        public = [laws.functions[name] for name in ("start", "step")]
         parts = [
-            _comment(f"{laws.text}\n{_COMPILE}"),
+            self.comment(f"{laws.text}\n{_COMPILE}"),
             _INCLUDED,
             "\n".join(self._constants()).strip(),
-            "\n".join(
-                [
-                    _comment(f"{laws.state_text}\n\nOne full of zeros starts by itself."),
-                    f"typedef struct {{\n{self._fields()}\n}} {self.state};",
-                ]
-            ),
-            "\n".join(f"{self._head(one)};" for one in public),
+            self.comment(f"{laws.state_text}\n\nOne full of zeros starts by itself.")
+            + f"\ntypedef struct {{\n{self._fields()}\n}} {self.struct};",
+            "\n".join(f"{self._head(laws.functions[one])};" for one in _PUBLIC),
             *(self._function(one) for one in laws.functions.values()),
         ]
         return "\n\n".join(parts) + "\n"
@@ -65,123 +57,78 @@ class InC:
         for one in self.laws.constants:
             if self.laws.has_gap(one.line):
                 lines, rows = [*lines, *aligned(rows), ""], []
-            rows += [(_comment(line), "") for line in self.laws.above(one.line)]
+            rows += [(self.comment(line), "") for line in self.laws.above(one.line)]
             said = self.laws.comment(one.line)
-            rows.append((self._constant(one), said and _comment(said)))
+            rows.append((self._constant(one), said and self.comment(said)))
         return [*lines, *aligned(rows)]
 
-    def _constant(self, one: Constant) -> str:
+    def _constant(self, one: Named) -> str:
         if isinstance(one.value, list):
             numbers = wrap(", ".join(map(number, one.value)), WIDTH - 4)
             return "\n    ".join([f"static const double {one.name}[{len(one.value)}] = {{", *numbers]) + "\n};"
-        value = number(one.value) if isinstance(one.value, float) else str(one.value)
+        value = self.constant(one.value)
         return f"#define {one.name} {f'({value})' if one.value < 0 else value}"
 
     def _fields(self) -> str:
         rows = []
         for one in self.laws.fields:
-            sizes, said = "".join(f"[{size}]" for size in one.sizes), self.laws.comment(one.line)
-            rows.append((f"    {_TYPES[one.kind]} {one.name}{sizes};", said and _comment(said)))
+            size, said = f"[{one.size}]" if one.size else "", self.laws.comment(one.line)
+            rows.append((f"    {self.TYPES[one.kind]} {one.name}{size};", said and self.comment(said)))
         return "\n".join(aligned(rows))
 
     def _head(self, one: Function) -> str:
-        arguments = [f"{_TYPES[kind]} {name}" for name, kind in one.arguments.items()]
-        arguments = [f"{self.state} *s", *arguments] if one.is_section else arguments
-        static = "" if one.name in ("start", "step") else "static "
-        head = f"{static}{_TYPES[one.returns]} {self.names[one.name]}({', '.join(arguments)})"
-        return "\n".join(broken(head, WIDTH, r" (?=\w+ \w+[,)])"))
+        arguments = [f"{self.TYPES[kind]} {name}" for name, kind in one.arguments.items()]
+        arguments = [f"{self.struct} *s", *arguments] if one.is_section else arguments
+        static = "" if one.name in _PUBLIC else "static "
+        head = f"{static}{self.TYPES[one.returns]} {self.functions[one.name]}({', '.join(arguments)})"
+        return "\n".join(broken(head, r" (?=\w+ \w+[,)])"))
 
     def _function(self, one: Function) -> str:
-        known = self.laws.kinds | one.arguments
-        written = Counter(
-            node.id for top in one.body for node in ast.walk(top) if isinstance(node, ast.Name) and _is_stored(node)
+        """A function; what it finds once is declared there, other variables before all."""
+        nodes = list(statements_in(one.body))
+        stored = Counter(ast.unparse(each) for node in nodes for each in _targets(node))
+        counters = {ast.unparse(node.target) for node in nodes if isinstance(node, ast.For)}
+        kinds = {name: kind for name, kind in self.locals_of(one.body, one.arguments).items() if name not in counters}
+        once = {ast.unparse(each) for node in one.body for each in _targets(node) if stored[ast.unparse(each)] == 1}
+        self.declared = {name: f"const {self.TYPES[kind]} {name}" for name, kind in kinds.items() if name in once}
+        before = [
+            f"    {self.TYPES[kind]} {name} = {_ZEROS[kind]};" for name, kind in kinds.items() if name not in once
+        ]
+        return "\n".join([self.comment(one.text), self._head(one), "{", *before, *self.block(one.body, 1), "}"])
+
+    def target(self, node: ast.expr) -> str:
+        return self.declared.get(self.say(node), self.say(node))
+
+    def state(self, field: str) -> str:
+        return f"s->{field}"
+
+    def index(self, indices: list[str]) -> str:
+        # fmin and fmax of whole numbers are doubles
+        return "".join(f"[(int){one}]" if one.startswith("f") else f"[{one}]" for one in indices)
+
+    def number(self, value: float) -> str:
+        return number(value)
+
+    def comment(self, text: str) -> str:
+        lines = text.splitlines()
+        return f"/* {text} */" if len(lines) == 1 else "\n".join(["/*", *(f" * {x}".rstrip() for x in lines), " */"])
+
+    def call(self, function: Function, given: list[ast.expr]) -> list[str]:
+        return [f"{self.functions[function.name]}({', '.join(['s', *map(self.say, given)])});"]
+
+    def zeros(self, target: str, sizes: list[ast.expr]) -> list[str]:
+        return [f"memset({target}, 0, sizeof {target});"]
+
+    def loop(self, i: str, ends: tuple[ast.expr, ast.expr, bool]) -> tuple[str, str]:
+        low, high, down = ends
+        return (
+            f"for (int {i} = {self.say(low)}; {i} {'>' if down else '<'} {self.say(high)}; {i}{'--' if down else '++'}) {{",
+            "}",
         )
-        changed = {
-            node.target.id
-            for top in one.body
-            for node in ast.walk(top)
-            if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name)
-        }
-        once = {name for name, count in written.items() if count == 1} - changed
-        lines = self._block(one.body, 1, known, once)
-        return "\n".join([_comment(one.text), self._head(one), "{", *lines, "}"])
-
-    def _block(self, body: list[ast.stmt], depth: int, known: dict[str, str], once: set[str]) -> list[str]:
-        known, lines, indent = dict(known), [], "    " * depth
-        for k, node in enumerate(body):
-            if isinstance(node, (ast.If, ast.For)):
-                # what a block finds for those behind it is declared before it
-                for name in stored_in([node]):
-                    if name not in known and name in loaded_in(body[k + 1 :]):
-                        known[name] = self._kind(name, node, known)
-                        lines.append(f"{indent}{_TYPES[known[name]]} {name} = {_ZEROS[known[name]]};")
-            lines += [""] if k and self.laws.has_gap(node.lineno) else []
-            lines += [f"{indent}/* {said} */" for said in self.laws.above(node.lineno)]
-            said = self.laws.comment(node.lineno)
-            first, *rest = self._statement(node, depth, known, once)
-            beside = f"{first}  {_comment(said)}" if said else first
-            if len(beside) > WIDTH:
-                lines, beside = [*lines, *([indent + _comment(said)] if said else [])], first
-            lines += [*broken(beside, WIDTH, _BREAKS), *rest]
-        return lines
-
-    def _kind(self, name: str, node: ast.stmt, known: dict[str, str]) -> str:
-        """The kind of a name that a block gives a value."""
-        known = dict(known)
-        for one in ast.walk(node):
-            if isinstance(one, ast.For) and isinstance(one.target, ast.Name):
-                known[one.target.id] = "whole"
-        for _ in range(2):  # an earlier value may stand further down in the tree
-            for one in ast.walk(node):
-                if isinstance(one, ast.Assign) and isinstance(one.targets[0], ast.Name):
-                    known[one.targets[0].id] = kind_of(one.value, known)
-        return known[name]
-
-    def _statement(  # noqa: PLR0911 — one for each kind
-        self, node: ast.stmt, depth: int, known: dict[str, str], once: set[str]
-    ) -> list[str]:
-        indent, say = "    " * depth, self.language.say
-        if isinstance(node, ast.Assign):
-            target, value = node.targets[0], node.value
-            if isinstance(value, ast.Call) and ast.unparse(value.func) == "zeros":
-                field = say(target)
-                return [f"{indent}memset({field}, 0, sizeof {field});"]
-            left = say(target)
-            if isinstance(target, ast.Name) and target.id not in known:
-                known[target.id] = kind_of(value, known)
-                left = f"{'const ' if target.id in once else ''}{_TYPES[known[target.id]]} {left}"
-            return [f"{indent}{left} = {say(value)};"]
-        if isinstance(node, ast.AugAssign):
-            sign = "+" if isinstance(node.op, ast.Add) else "-"
-            return [f"{indent}{say(node.target)} {sign}= {say(node.value)};"]
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            passed = ["s", *map(say, node.value.args[1:])]
-            return [f"{indent}{self.names[ast.unparse(node.value.func)]}({', '.join(passed)});"]
-        if isinstance(node, ast.Return) and node.value is not None:
-            return [f"{indent}return {say(node.value)};"]
-        if isinstance(node, ast.For) and isinstance(node.target, ast.Name) and isinstance(node.iter, ast.Call):
-            i, (low, high, step) = node.target.id, counted(node.iter)
-            to = f"{i} > {say(high)}; {i}--" if step else f"{i} < {say(high)}; {i}++"
-            inner = self._block(node.body, depth + 1, known | {i: "whole"}, once)
-            return [f"{indent}for (int {i} = {say(low)}; {to}) {{", *inner, f"{indent}}}"]
-        if isinstance(node, ast.If):
-            lines = [f"{indent}if ({say(node.test)}) {{", *self._block(node.body, depth + 1, known, once)]
-            while len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If) and is_elif(node, self.laws):
-                node = node.orelse[0]
-                lines += [f"{indent}}} else if ({say(node.test)}) {{", *self._block(node.body, depth + 1, known, once)]
-            if node.orelse:
-                lines += [f"{indent}}} else {{", *self._block(node.orelse, depth + 1, known, once)]
-            return [*lines, f"{indent}}}"]
-        raise TypeError(f"the laws have no {ast.unparse(node)}")
 
 
-def _is_stored(node: ast.Name) -> bool:
-    return isinstance(node.ctx, ast.Store)
-
-
-def _comment(text: str) -> str:
-    """A comment of one line, or of several."""
-    lines = text.splitlines()
-    if len(lines) == 1:
-        return f"/* {text} */"
-    return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
+def _targets(node: ast.stmt) -> list[ast.expr]:
+    """What a statement stores."""
+    if isinstance(node, ast.Assign):
+        return node.targets
+    return [node.target] if isinstance(node, ast.AugAssign) else []

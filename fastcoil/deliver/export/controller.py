@@ -19,8 +19,8 @@ import numpy as np
 
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import package_version
+from fastcoil.deliver.export.python import names_in
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.trees import names_in
 from fastcoil.deliver.export.words import WIDTH, number
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
@@ -230,8 +230,7 @@ def _port(rule: Estimator | Law, written: Any, numbers: dict[str, float], estima
         {name: numbers[name] for name in rule.Parameters._fields},
         words=rule.words if isinstance(rule, Estimator) else 0,
         estimate=estimate,
-        taken=taken,
-        neutral=frozenset(p.name for p in of_table if p.default == numbers[p.name]),
+        names=taken,
         literal=frozenset(p.name for p in of_table if p.is_word),
     ).port()
 

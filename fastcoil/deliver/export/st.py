@@ -7,128 +7,122 @@ edition see no state but their own, and function blocks have no methods.
 from __future__ import annotations
 
 import ast
-from textwrap import indent, wrap
+from collections.abc import Mapping
+from textwrap import wrap
 
-from fastcoil.deliver.export.expressions import Language, broken, kind_of
-from fastcoil.deliver.export.source import Constant, Function, Laws, aligned, counted, is_elif
+from fastcoil.deliver.export.printer import Printer, aligned, statements_in
+from fastcoil.deliver.export.source import Function, Laws, Named
 from fastcoil.deliver.export.words import WIDTH, number
 
 OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate")
 """What the block shows of its state."""
-_TYPES = {"real": "LREAL", "flag": "BOOL", "whole": "INT"}
-_WORDS = {
-    "or": "OR",
-    "and": "AND",
-    "not": "NOT ",
-    "True": "TRUE",
-    "False": "FALSE",
-    "==": "=",
-    "!=": "<>",
-    "group": "yes",
-}
-_WORDS |= {sign: sign for sign in ("<", "<=", ">", ">=")}
-_FUNCTIONS = {
-    "abs": "ABS", "max": "MAX", "min": "MIN", "math.exp": "EXP", "math.log": "LN", "math.sqrt": "SQRT",
-    "math.sin": "SIN", "math.cos": "COS", "math.tan": "TAN", "math.asin": "ASIN", "math.acos": "ACOS",
-    "math.atan": "ATAN", "math.pow": "EXPT", "float": "INT_TO_LREAL", "int": "TRUNC",
-}  # fmt: skip
 _MISSING = {
-    "floor": (
-        "DINT_TO_LREAL(TRUNC(x))",
-        "found > x",
-        "found - 1.0",
-        "Largest whole number up to x, between -2E9 and 2E9.",
+    "math.floor": (
+        "DINT_TO_LREAL(TRUNC(x))", "found > x", "found - 1.0", "Largest whole number up to x, between -2E9 and 2E9.",
     ),
-    "tanh": ("1.0 - 2.0 / (EXP(2.0 * MIN(x, 20.0)) + 1.0)", "x < -20.0", "-1.0", "Hyperbolic tangent."),
-}
+    "math.tanh": ("1.0 - 2.0 / (EXP(2.0 * MIN(x, 20.0)) + 1.0)", "x < -20.0", "-1.0", "Hyperbolic tangent."),
+}  # fmt: skip
 """Functions that the standard lacks: value, a condition, the value then, and what it is."""
-_BREAKS = r" (?=AND |OR |[-+*/] )"
 _STEP = "    "
 
 
-class InST:
+class InST(Printer):
     """Writes the laws in Structured Text; ``name`` is part of the names that a project sees."""
 
+    TYPES = {"real": "LREAL", "flag": "BOOL", "whole": "INT"}
+    WORDS = {
+        "or": "OR", "and": "AND", "not": "NOT ", "True": "TRUE", "False": "FALSE", "==": "=", "!=": "<>", "group": "",
+        "=": "{} := {};", "if": "IF {} THEN", "elif": "ELSIF {} THEN", "else": "ELSE", "end": "END_IF;",
+    }  # fmt: skip
+    FUNCTIONS = {
+        "abs": "ABS", "max": "MAX", "min": "MIN", "math.exp": "EXP", "math.log": "LN", "math.sqrt": "SQRT",
+        "math.sin": "SIN", "math.cos": "COS", "math.tan": "TAN", "math.asin": "ASIN", "math.acos": "ACOS",
+        "math.atan": "ATAN", "math.pow": "EXPT", "float": "INT_TO_LREAL", "int": "TRUNC",
+    }  # fmt: skip
+    BREAKS = r" (?=AND |OR |[-+*/] )|(?<=,) "
+
     def __init__(self, laws: Laws, name: str) -> None:
-        self.laws, self.block_name = laws, f"FB_{name}"
-        self.functions = {f: f"F_{name}_{f}" for f, one in laws.functions.items() if not one.is_section}
-        lacking = [word for word in _MISSING if any(f"math.{word}(" in line for line in laws.lines)]
-        self.missing = {f"math.{word}": f"F_{name}_{word}" for word in lacking}
-        self.sizes = {one.name: one.value for one in laws.constants if isinstance(one.value, int)}
-        self.locals: dict[str, str] = {}
-        self.inset = 0
-        self.arguments = laws.functions["step"].arguments
-        step = laws.functions["step"]
-        self.taken = {name.lower() for name in [*step.arguments, *self.sizes]}
-        self.taken |= {one.name.lower() for one in laws.constants} | {one.name.lower() for one in laws.fields}
-        self.language = Language(
-            _WORDS,
-            _FUNCTIONS | self.functions | self.missing,
-            lambda field: field,
-            lambda indices: f"[{', '.join(indices)}]",
-            st_number,
-        )
+        super().__init__(laws)
+        self.block_name = f"FB_{name}"
+        self.missing = {word: f"F_{name}_{word[5:]}" for word in _MISSING if f"{word}(" in laws.source}
+        self.functions |= self.missing
+        self.functions |= {one: f"F_{name}_{one}" for one, own in laws.functions.items() if not own.is_section}
 
     def text(self) -> str:
         """The whole file."""
+        missing = [self._missing(own, *_MISSING[word]) for word, own in self.missing.items()]
         functions = [self._function(one) for one in self.laws.functions.values() if not one.is_section]
-        missing = [self._missing(word.removeprefix("math."), own) for word, own in self.missing.items()]
-        self.locals = {}
-        body = self._section(self.laws.functions["step"])
-        return "\n\n".join([_comment(self.laws.text), *missing, *functions, self._block_of(body)]) + "\n"
+        return "\n\n".join([self.comment(self.laws.text), *missing, *functions, self._block()]) + "\n"
 
-    def _missing(self, word: str, own: str) -> str:
-        value, test, other, said = _MISSING[word]
+    def _missing(self, own: str, value: str, test: str, other: str, said: str) -> str:
         return (
-            f"{_comment(said)}\nFUNCTION {own} : LREAL\nVAR_INPUT\n{_STEP}x : LREAL;\nEND_VAR\nVAR\n"
+            f"{self.comment(said)}\nFUNCTION {own} : LREAL\nVAR_INPUT\n{_STEP}x : LREAL;\nEND_VAR\nVAR\n"
             f"{_STEP}found : LREAL;\nEND_VAR\nfound := {value};\nIF {test} THEN\n{_STEP}found := {other};\nEND_IF;\n"
             f"{own} := found;\nEND_FUNCTION"
         )
 
     def _function(self, one: Function) -> str:
-        inputs = [f"{_STEP}{name} : {_TYPES[kind]};" for name, kind in one.arguments.items()]
-        self.locals, own = {}, self.functions[one.name]
-        before, self.arguments, self.taken = (self.arguments, self.taken), one.arguments, set()
-        body = self._statements(one.body, own)
-        self.arguments, self.taken = before
-        body = body[:-1] if body[-1].strip() == "RETURN;" else body
-        return "\n".join(
-            [
-                _comment(one.text), f"FUNCTION {own} : {_TYPES[one.returns]}",
-                "VAR_INPUT", *inputs, "END_VAR", *self._declared_locals(), *body, "END_FUNCTION",
-            ]
-        )  # fmt: skip
+        inputs = [f"{_STEP}{name} : {self.TYPES[kind]};" for name, kind in one.arguments.items()]
+        own = self.functions[one.name]
+        self.WORDS = {**type(self).WORDS, "return": f"{own} := {{}};\nRETURN;"}
+        body = self.block(one.body, 0)
+        lines = [
+            *(self.comment(one.text), f"FUNCTION {own} : {self.TYPES[one.returns]}"),
+            *("VAR_INPUT", *inputs, "END_VAR", *self._declared(self.locals_of(one.body, one.arguments))),
+            *(body[:-1] if body[-1] == "RETURN;" else body),
+            "END_FUNCTION",
+        ]
+        return "\n".join(lines)
 
-    def _block_of(self, body: list[str]) -> str:
+    def _block(self) -> str:
         laws, step = self.laws, self.laws.functions["step"]
         inputs = [
-            (f"{_STEP}{name} : {_TYPES[kind]};", _comment(laws.comment(step.lines[name])))
+            (f"{_STEP}{name} : {self.TYPES[kind]};", self.comment(laws.comment(step.lines[name])))
             for name, kind in step.arguments.items()
         ]
         shown: list[tuple[str, str]] = []
         hidden: list[tuple[str, str]] = []
         for one in laws.fields:
             said = laws.comment(one.line)
-            row = (f"{_STEP}{one.name} : {self._array(one.sizes)}{_TYPES[one.kind]};", said and _comment(said))
+            array = f"ARRAY[0..{one.size - 1}] OF " if one.size else ""
+            row = (f"{_STEP}{one.name} : {array}{self.TYPES[one.kind]};", said and self.comment(said))
             (shown if one.name in OUTPUTS else hidden).append(row)
-        parts = [
+        lines = [
             f"FUNCTION_BLOCK {self.block_name}",
             *("VAR_INPUT", *aligned(inputs), "END_VAR"),
             *("VAR_OUTPUT", *aligned(shown), "END_VAR"),
             *("VAR CONSTANT", *self._constants(), "END_VAR"),
-            *("VAR  (* " + laws.state_text + " *)", *aligned(hidden), "END_VAR"),
-            *self._declared_locals(),
-            "",
-            *body,
-            "END_FUNCTION_BLOCK",
+            *(f"VAR  (* {laws.state_text} *)", *aligned(hidden), "END_VAR"),
+            *self._declared(self.locals_of(step.body, step.arguments)),
+            *("", *self._section(step), "END_FUNCTION_BLOCK"),
         ]
-        return "\n".join(parts)
+        return "\n".join(lines)
 
-    def _declared_locals(self) -> list[str]:
+    def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
+        """With those of the sections that are called, which are written there."""
+        found = super().locals_of(body, arguments)
+        for node in statements_in(body):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+                one = self.laws.functions[ast.unparse(node.value.func)]
+                passed = zip(one.arguments.items(), node.value.args[1:], strict=True)
+                inner = {name: kind for (name, kind), value in passed if ast.unparse(value) != name}
+                inner |= self.locals_of(one.body, one.arguments)
+                for name, kind in inner.items():
+                    if found.setdefault(name, kind) != kind:
+                        raise TypeError(f"{name} has two types in the laws")
+            elif isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("zeros("):
+                found["i"] = "whole"
+        if arguments is self.laws.functions["step"].arguments:
+            named = [*arguments, *(one.name for one in (*self.laws.constants, *self.laws.fields))]
+            for name in {each.lower() for each in named} & {each.lower() for each in found}:
+                raise TypeError(f"{name} is two things in the laws: Structured Text does not tell them apart")
+        return found
+
+    def _declared(self, kinds: Mapping[str, str]) -> list[str]:
         """Declarations of the intermediate values, by type."""
         lines = []
-        for kind, word in _TYPES.items():
-            names = [name for name, own in self.locals.items() if own == kind]
+        for kind, word in self.TYPES.items():
+            names = [name for name, own in kinds.items() if own == kind]
             lines += wrap(f"{', '.join(names)} : {word};", WIDTH - 4) if names else []
         return ["VAR  (* Intermediate values. *)", *(_STEP + line for line in lines), "END_VAR"] if lines else []
 
@@ -136,127 +130,57 @@ class InST:
         rows: list[tuple[str, str]] = []
         for one in self.laws.constants:
             rows += [("", "")] if rows and self.laws.has_gap(one.line) else []
-            rows += [(_STEP + _comment(line), "") for line in self.laws.above(one.line)]
+            rows += [(_STEP + self.comment(line), "") for line in self.laws.above(one.line)]
             said = self.laws.comment(one.line)
-            rows.append((_STEP + self._constant(one), said and _comment(said)))
+            rows.append((_STEP + self._constant(one), said and self.comment(said)))
         return aligned(rows)
 
-    def _constant(self, one: Constant) -> str:
+    def _constant(self, one: Named) -> str:
         if isinstance(one.value, list):
-            numbers = wrap(", ".join(map(st_number, one.value)), WIDTH - 8)
-            numbers = [_STEP * 2 + line for line in numbers]
+            numbers = [_STEP * 2 + line for line in wrap(", ".join(map(st_number, one.value)), WIDTH - 8)]
             return "\n".join([f"{one.name} : ARRAY[0..{len(one.value) - 1}] OF LREAL := [", *numbers, f"{_STEP}];"])
-        value = st_number(one.value) if isinstance(one.value, float) else str(one.value)
-        return f"{one.name} : {_TYPES[one.kind]} := {value};"
+        return f"{one.name} : {self.TYPES[one.kind]} := {self.constant(one.value)};"
 
-    def _array(self, sizes: tuple[str, ...]) -> str:
-        ends = [self.sizes[size] if size in self.sizes else int(size) for size in sizes]
-        return f"ARRAY[{', '.join(f'0..{end - 1}' for end in ends)}] OF " if ends else ""
-
-    def _called_section(self, one: Function, given: list[ast.expr]) -> list[str]:
-        """What a section does, behind the values of its arguments."""
-        lines = []
-        for (name, kind), value in zip(one.arguments.items(), given, strict=True):
-            if not (isinstance(value, ast.Name) and value.id == name):
-                self._declare(name, kind)
-                lines.append(f"{name} := {self.language.say(value)};")
-        return [*lines, *self._section(one)]
+    def call(self, function: Function, given: list[ast.expr]) -> list[str]:
+        """What it does, behind the values of its arguments, with a gap around it."""
+        passed = zip(function.arguments, given, strict=True)
+        values = [f"{name} := {self.say(value)};" for name, value in passed if ast.unparse(value) != name]
+        return [*values, *self._section(function), ""]
 
     def _section(self, one: Function) -> list[str]:
-        return [*_comment(one.text).splitlines(), *self._statements(one.body)]
+        body = one.body[:-1] if isinstance(one.body[-1], ast.Return) else one.body  # the output is the command
+        lines = self.block(body, 0)
+        return [*self.comment(one.text).splitlines(), *(lines[:-1] if not lines[-1] else lines)]
 
-    def _statements(self, body: list[ast.stmt], own: str = "") -> list[str]:
-        lines: list[str] = []
-        for k, node in enumerate(body):
-            section = isinstance(node, ast.Expr)
-            gap = k and lines[-1] and (section or self.laws.has_gap(node.lineno))
-            lines += [""] if gap else []
-            lines += [_comment(said) for said in self.laws.above(node.lineno)]
-            if isinstance(node, ast.Return) and not own:
-                break  # the output is the command
-            first, *rest = self._statement(node, own)
-            said = self.laws.comment(node.lineno)
-            beside = f"{first}  {_comment(said)}" if said else first
-            width = WIDTH - self.inset
-            if len(beside) > width:
-                lines, beside = [*lines, *([_comment(said)] if said else [])], first
-            lines += [*broken(beside, width, _BREAKS), *rest]
-            lines += [""] if section and k + 1 < len(body) else []
-        return lines
+    def state(self, field: str) -> str:
+        return field
 
-    def _statement(self, node: ast.stmt, own: str) -> list[str]:  # noqa: PLR0911 — one for each kind
-        say = self.language.say
-        if isinstance(node, ast.Assign):
-            target, value = node.targets[0], node.value
-            if isinstance(value, ast.Call) and ast.unparse(value.func) == "zeros":
-                return self._zeros(say(target), value)
-            if isinstance(target, ast.Name):
-                self._declare(target.id, kind_of(value, self._kinds()))
-            return [f"{say(target)} := {say(value)};"]
-        if isinstance(node, ast.AugAssign):
-            changed = ast.BinOp(node.target, node.op, node.value)
-            return [f"{say(node.target)} := {say(changed)};"]
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            return self._called_section(self.laws.functions[ast.unparse(node.value.func)], node.value.args[1:])
-        if isinstance(node, ast.Return) and node.value is not None:
-            return [f"{own} := {say(node.value)};", "RETURN;"]
-        if isinstance(node, ast.For) and isinstance(node.target, ast.Name) and isinstance(node.iter, ast.Call):
-            return self._loop(node.target.id, node.iter, node.body)
-        if isinstance(node, ast.If):
-            lines = [f"IF {say(node.test)} THEN", *self._inner(node.body, own)]
-            while len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If) and is_elif(node, self.laws):
-                node = node.orelse[0]
-                lines += [f"ELSIF {say(node.test)} THEN", *self._inner(node.body, own)]
-            lines += ["ELSE", *self._inner(node.orelse, own)] if node.orelse else []
-            return [*lines, "END_IF;"]
-        raise TypeError(f"the laws have no {ast.unparse(node)}")
+    def index(self, indices: list[str]) -> str:
+        return f"[{', '.join(indices)}]"
 
-    def _inner(self, body: list[ast.stmt], own: str) -> list[str]:
-        self.inset += len(_STEP)
-        lines = indent("\n".join(self._statements(body, own)), _STEP).split("\n")
-        self.inset -= len(_STEP)
-        return lines
+    def number(self, value: float) -> str:
+        return st_number(value)
 
-    def _loop(self, i: str, call: ast.Call, body: list[ast.stmt]) -> list[str]:
-        low, high, down = counted(call)
-        self._declare(i, "whole")
-        first = self.language.say(low)
-        last = self._next(high, 1 if down else -1)
-        by = " BY -1" if down else ""
-        return [f"FOR {i} := {first} TO {last}{by} DO", *self._inner(body, ""), "END_FOR;"]
+    def comment(self, text: str) -> str:
+        lines = text.splitlines()
+        return f"(* {text} *)" if len(lines) == 1 else "\n".join(["(*", *(f"   {x}".rstrip() for x in lines), "*)"])
 
-    def _next(self, node: ast.expr, more: int) -> str:
-        """A whole number one on, or one back."""
+    def zeros(self, target: str, sizes: list[ast.expr]) -> list[str]:
+        return [f"FOR i := 0 TO {self._before(sizes[0])} DO", f"{_STEP}{target}[i] := 0.0;", "END_FOR;"]
+
+    def loop(self, i: str, ends: tuple[ast.expr, ast.expr, bool]) -> tuple[str, str]:
+        low, high, down = ends
+        last = self._before(high, -1) if down else self._before(high)
+        return f"FOR {i} := {self.say(low)} TO {last}{' BY -1' if down else ''} DO", "END_FOR;"
+
+    def _before(self, node: ast.expr, less: int = 1) -> str:
+        """A whole number one back, or one on."""
         if isinstance(node, ast.Constant) and isinstance(node.value, int):
-            return str(node.value + more)
-        return f"{self.language.say(node)} {'+' if more > 0 else '-'} 1"
-
-    def _zeros(self, target: str, call: ast.Call) -> list[str]:
-        names = ("i", "k", "m")[: len(call.args)]
-        lines = [f"{target}[{', '.join(names)}] := 0.0;"]
-        for name, size in reversed(list(zip(names, call.args, strict=True))):
-            self._declare(name, "whole")
-            inner = [_STEP + line for line in lines]
-            lines = [f"FOR {name} := 0 TO {self._next(size, -1)} DO", *inner, "END_FOR;"]
-        return lines
-
-    def _kinds(self) -> dict[str, str]:
-        return self.laws.kinds | self.arguments | self.locals
-
-    def _declare(self, name: str, kind: str) -> None:
-        if name.lower() in self.taken:
-            raise TypeError(f"{name} is two things in the laws: Structured Text does not tell them apart")
-        if self.locals.setdefault(name, kind) != kind:
-            raise TypeError(f"{name} has two types in the laws")
+            return str(node.value - less)
+        return f"{self.say(node)} {'-' if less > 0 else '+'} 1"
 
 
 def st_number(value: float) -> str:
     """A number as Structured Text writes it: 1.0E-9."""
     mantissa, e, power = number(value).partition("e")
     return mantissa + ("" if "." in mantissa else ".0") + (f"E{power}" if e else "")
-
-
-def _comment(text: str) -> str:
-    """A comment of one line, or of several."""
-    lines = text.splitlines()
-    return f"(* {text} *)" if len(lines) == 1 else "\n".join(["(*", *(f"   {line}".rstrip() for line in lines), "*)"])

@@ -1,8 +1,8 @@
 """A rule of the kernel, of the package or of the user, written anew as laws for the field.
 
-``Translator`` runs the Python of a rule with symbols in place of numbers.  It follows every call, so that what is left
-is one function of numbers and the state, without classes, tuples or conditional expressions.  What the parameters of
-the loop decide is decided here: a branch that this controller never takes is not in its code.
+``Translator`` follows the Python of a rule with expressions in place of numbers.  What is left is one function of the
+state, with functions of numbers, without classes, tuples or conditional expressions.  What the parameters of the loop
+decide is decided here: a branch that this controller never takes is not in its code.
 
 NaN, which stands for "nothing yet" in a memory, has no portable form in Structured Text.  A variable that may be NaN
 gets a flag beside it, ``x_known``, and every comparison asks for the flag first.
@@ -11,43 +11,49 @@ gets a flag beside it, ``x_known``, and every comparison asks for the flag first
 from __future__ import annotations
 
 import ast
-import io
-import math
+import copy
 import re
-import tokenize
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import FunctionType
 from typing import Any, NamedTuple
 
+from fastcoil.deliver.export.formulas import KNOWN, AgainError, Formulas, InlineError
 from fastcoil.deliver.export.python import (
     commented,
+    comments_of,
     constant_text,
+    definition_of,
     docstring_of,
     documented,
     function_text,
-    text_of,
+    lines_of,
+    names_in,
 )
-from fastcoil.deliver.export.statements import Statements
-from fastcoil.deliver.export.symbols import (
-    AgainError,
-    Later,
+from fastcoil.deliver.export.values import (
+    Choice,
     Number,
     Record,
     Rows,
     Scope,
+    Table,
+    assigned,
+    call_of,
     constant,
-)
-from fastcoil.deliver.export.trees import (
-    conjunction,
     expression,
-    merged,
-    names_in,
+    has_return,
+    is_text,
     needed,
     read_in,
-    test_of,
 )
-from fastcoil.deliver.export.words import RESERVED
+from fastcoil.model.estimators.interface import defaults_of, is_sample
 
 _MOST_ROUNDS = 50
+_RETURNED = object()
+"""What a block gives whose values are stored already."""
+_WORDS = {"real": "float", "flag": "bool", "whole": "int"}
+_UNKNOWN = {"While": "a while loop", "With": "with", "Raise": "raise", "Assert": "assert", "Break": "break",
+            "Continue": "continue", "FunctionDef": "a function inside a function", "Try": "try"}  # fmt: skip
 
 
 class Port(NamedTuple):
@@ -63,13 +69,28 @@ class Port(NamedTuple):
     reads: frozenset[str]
 
 
-class Translator(Statements):
+class Translator(Formulas):
     """Translates one rule.
 
-    name: of the rule.  kind: estimator or law.  step, start: its functions; without a start its memory begins with its
-    defaults.  numbers: its parameters.  words: size of its array.  estimate: the text of the estimate that it sees.
-    taken: names that the code has already.  neutral: parameters that are at a default that switches something off.
+    kind, rule: law or estimator, and its name.  step, start: its functions; without a start its memory begins with its
+    defaults.  numbers: its parameters; literal: those that are written as numbers.  words: size of its array.
+    estimate: the text of the estimate that it sees.  names: those that the laws have already.
     """
+
+    def __init__(
+        self, kind: str, rule: str, step: Any, start: Any, Parameters: Any, Memory: Any,  # noqa: N803 — classes
+        numbers: Mapping[str, float], *, words: int, estimate: str, names: Sequence[str], literal: frozenset[str],
+    ) -> None:  # fmt: skip
+        super().__init__(kind, rule, [*names, *(each.upper() for each in numbers)])
+        self.step, self.start, self.Parameters, self.Memory = step, start, Parameters, Memory
+        self.numbers, self.words, self.estimate, self.literal = numbers, words, estimate, literal
+        self.goal = "s.decided" if kind == "law" else "s.estimate"
+        taken = {each.casefold() for each in names}
+        self.fields = {
+            n: "s." + self.named(f"{n}_kept" if n.casefold() in taken else n, "field") for n in Memory._fields
+        }
+        self.changing: set[str] = set()
+        """Fields of the memory that do not keep their first value."""
 
     def port(self) -> Port:
         """The laws of the rule.
@@ -84,44 +105,39 @@ class Translator(Statements):
                 return self._port()
             except AgainError:
                 continue
-        raise self._refusal("its variables have no kind of their own", "use a new name for another kind of value")
+        raise self.refusal("its variables have no kind of their own", "use a new name for another kind of value")
 
     def _port(self) -> Port:
-        self._begin()
+        self.begin()
+        self.functions: dict[Any, tuple[str, str, str] | None] = {}
+        self.sections: dict[Any, tuple[str, str]] = {}
         parameters = Record(self.Parameters, {n: self._parameter(n) for n in self.Parameters._fields})
-        first = self._first(parameters)
-        memory = {}
-        for n, number in first.items():
-            name, value = self.fields[n], number.value
-            if name not in self.changing and (
-                isinstance(number.text, ast.Constant) or (value is not None and math.isnan(value))
-            ):
-                memory[n] = number
-                self.at_first[f"s.{name}"] = value
-                continue
-            if value is not None and math.isnan(value):
-                self.nothing.add(f"s.{name}")
-            memory[n] = self._variable(f"s.{name}")
-        given: list[Any] = [self._sample(), parameters, Record(self.Memory, memory)]
-        given += [Rows(expression("s.w"))] if self.words else []
-        scope = self._scope(self.step, given)
-        self._run(scope.definition.body, scope, self._commit)
-        return self._written(scope, first, merged(needed(self.out, {self._goal})))
+        first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
+        self.first: dict[str, Number] = {}
+        """Of the fields of the state."""
+        if self.start is not None:
+            self.path = ("start",)
+            first = self._inlined(self.start, [parameters], lambda found: found.fields)
+        memory: dict[str, Any] = {}
+        for n, name in self.fields.items():
+            value = self.first[name] = self.real(first[n])
+            if value.is_nothing and name in self.changing:
+                self.unit.nothing.add(name)
+            kept = name not in self.changing and value.value is not None
+            memory[n] = value if kept else self.variable(name)
+            if value.is_nothing:
+                self.out += [assigned(name, ast.Constant(0.0)), assigned(f"{name}_known", ast.Constant(False))]
+            else:
+                self.store(name, value)
+        begins, self.out = self.out, []
+        given = [self._sample(), parameters, Record(self.Memory, memory), *([Rows()] if self.words else [])]
+        self.enter("")
+        self._inlined(self.step, given, self._commit)
+        return self._written(begins, needed(self.out, {self.goal, "s.w"}))
 
-    def _first(self, parameters: Record) -> dict[str, Number]:
-        """The memory at the start."""
-        if self.start is None:
-            defaults = {n: float(self.Memory._field_defaults.get(n, 0.0)) for n in self.Memory._fields}
-            return {n: constant(x) for n, x in defaults.items()}
-        self.is_start = True
-        scope = self._scope(self.start, [parameters])
-        found = self._run(scope.definition.body, scope, None)
-        self.is_start = False
-        return {n: self._number(found.fields[n]) for n in self.Memory._fields}
-
-    @property
-    def _goal(self) -> str:
-        return "s.decided" if self.kind == "law" else "s.estimate"
+    def _parameter(self, name: str) -> Number:
+        value = float(self.numbers[name])
+        return constant(value) if name in self.literal else Number(ast.Name(name.upper()), "real", value)
 
     def _sample(self) -> Record:
         """What the rule sees, by the names that the controller has for it."""
@@ -129,135 +145,346 @@ class Translator(Statements):
             "t": "s.clock", "T_set": "T_set", "T": "T_sup" if self.kind == "law" else "s.T_seen", "e": "s.e",
             "u": "s.u", "command": "s.command", "switches": "s.switches", "estimate": self.estimate,
         }  # fmt: skip
-        seen = {name: Number(expression(text)) for name, text in texts.items()}
+        seen: dict[str, Any] = {name: Number(expression(text)) for name, text in texts.items()}
         seen["m_a"] = Number(expression("m_a"), needs=frozenset({"m_a >= 0.0"}))
-        seen["mode"] = Number(expression("1.0 if s.rising else -1.0"))
+        seen["mode"] = Choice(expression("s.rising"), constant(1.0), constant(-1.0), "mode")
         return Record(None, seen)
 
-    def _commit(self, found: Any) -> None:
+    # what a step leaves
+
+    def _commit(self, found: Any) -> Any:
         """Store what the rule returns; a field is stored after all that reads its value of before."""
         if not isinstance(found, tuple) or len(found) != 2 or not isinstance(found[1], Record):
-            raise self._refusal("it returns something else than a number and its memory", "return a number, Memory(…)")
-        goal = self._goal
-        parts: dict[str, Any] = {goal: found[0]}
-        parts |= {f"s.{self.fields[n]}": one for n, one in found[1].fields.items()}
-        blocks = {}
-        for target, value in parts.items():
-            with self._aside() as block:
-                self._leave(target, value)
-            if block:
-                blocks[target] = block
-        for target in blocks:
-            if target != goal and target[2:] not in self.changing:
-                self.changing.add(target[2:])
-                raise AgainError
+            raise self.refusal("it returns something else than a number and its memory", "return a number, Memory(…)")
+        values = {self.goal: found[0]} | {self.fields[n]: one for n, one in found[1].fields.items()}
+        blocks = {target: block for target, value in values.items() if (block := self._left(target, value))}
+        if not blocks.keys() <= {*self.changing, self.goal}:
+            self.changing |= blocks.keys()
+            raise AgainError
         last: list[ast.stmt] = []
-        previous = ""
         while blocks:
-            free = [
-                t
-                for t in blocks
-                if not any({t, f"{t}_known"} & read_in(other) for o, other in blocks.items() if o != t)
-            ]
-            if free:
-                alike = [t for t in free if test_of(blocks[t]) == previous and previous]
-                target = (alike or free)[0]
-                previous = test_of(blocks[target])
-                self.out += blocks.pop(target)
-                continue
-            target = next(iter(blocks))
-            name = self._local(f"next_{target[2:]}", "next")
-            del blocks[target]
-            self._leave(name, parts[target])
-            with self._aside() as block:
-                self._leave(target, self._variable(name))
-            last += block
+            read = {target: [o for o in blocks if o != target and _reads(blocks[o], target)] for target in blocks}
+            target = next((one for one in blocks if not read[one]), "")
+            if target:
+                for node in blocks.pop(target):
+                    self._append(node)
+            else:  # two fields read one another
+                target = next(iter(blocks))
+                del blocks[target]
+                name = self.local(f"next_{target[2:]}", "next")
+                self.out += self._left(name, values[target])
+                last += self._left(target, self.variable(name))
         self.out += last
+        return _RETURNED
 
-    def _leave(self, target: str, value: Any) -> None:
-        """Store a part of what a step leaves; of a conditional expression each branch stores it."""
-        if isinstance(value, Later):
-            self._leave_node(target, value.node, value.scope)
-            return
-        number = self._real(self._number(value))
-        if target in ("s.estimate", "s.decided"):
-            if ast.unparse(number.text) == target:
-                return
-            needs = number.needs - self.facts
-            limited = ast.Call(ast.Name("clipped"), [number.text], [])
-            store: list[ast.stmt] = [ast.Assign([expression(target)], limited)]
-            self._emit(*([ast.If(conjunction(map(expression, sorted(needs))), store, [])] if needs else store))
-            return
-        self._store(target, number)
+    def _append(self, node: ast.stmt) -> None:
+        if isinstance(node, ast.If):
+            self.when(node.test, node.body, node.orelse)
+        else:
+            self.out.append(node)
 
-    def _leave_node(self, target: str, node: ast.expr, scope: Scope) -> None:
-        if not isinstance(node, ast.IfExp):
-            self._leave(target, self._value(node, scope, target.removeprefix("s.")))
-            return
-        test = self._flag(self._value(node.test, scope, "test"))
-        if test.value is not None:
-            self._leave_node(target, node.body if test.value else node.orelse, scope)
-            return
-        blocks = []
-        for branch, truth in ((node.body, True), (node.orelse, False)):
-            with self._aside(test.text, truth) as block:
-                self._leave_node(target, branch, scope)
-            blocks.append(block)
-        self._when(test.text, *blocks)
+    def _left(self, target: str, value: Any) -> list[ast.stmt]:
+        """Statements that store a part of what a step leaves."""
+        with self.aside() as block:
+            if isinstance(value, Choice):
+                sides = []
+                for side, truth in ((value.yes, True), (value.no, False)):
+                    with self.aside(value.test, truth):
+                        sides.append(self._left(target, side))
+                self.when(value.test, *sides)
+            elif target == self.goal:
+                number = self.real(value)
+                store = assigned(target, call_of("clipped", number.text))
+                needs = number.needs - self.facts
+                if needs:
+                    self.out.append(ast.If(self.all_known(needs), [store], []))
+                elif ast.unparse(number.text) != target:
+                    self.out.append(store)
+            else:
+                number, first = self.number(value), self.first.get(target)
+                is_first = first is not None and number.value is not None and repr(number.value) == repr(first.value)
+                if target in self.changing or not is_first:
+                    self.store(target, number)
+        return block
 
-    def _renumbered(self, text: str, taken: set[str]) -> str:
-        """A text whose intermediate names have the least numbers that tell them apart.  taken: names; grows."""
-        public = {"function", "section", "rule"}
-        wanted = {found: name for (_, place, name), found in self.found_names.items() if place not in public}
-        new: dict[str, str] = {}
-        lines = text.splitlines(keepends=True)
-        tokens = list(tokenize.generate_tokens(io.StringIO(text).readline))
-        for before, token in zip(tokens, tokens[1:], strict=False):
-            name = token.string.removesuffix("_known")
-            if token.type == tokenize.NAME and before.string != "." and name in wanted and name not in new:
-                k, found = 1, wanted[name]
-                while {found.casefold(), f"{found}_known".casefold()} & taken:
-                    k, found = k + 1, f"{wanted[name]}_{k + 1}"
-                taken.add(found.casefold())
-                new[name] = found
-        for before, token in reversed(list(zip(tokens, tokens[1:], strict=False))):
-            name = token.string.removesuffix("_known")
-            if token.type == tokenize.NAME and before.string != "." and name in new:
-                (row, start), line = token.start, lines[token.start[0] - 1]
-                lines[row - 1] = line[:start] + new[name] + token.string[len(name) :] + line[token.end[1] :]
-        return "".join(lines)
+    # statements
 
-    def _written(self, scope: Scope, first: Mapping[str, Number], body: list[ast.stmt]) -> Port:
+    def _scope(self, function: Any, finish: Any) -> Scope:
+        python = getattr(function, "py_func", function)
+        definition = definition_of(python)
+        if definition is None:
+            raise self.refusal(f"the source of {python.__name__} is not at hand", "write it in a file, as a def")
+        arguments = definition.args
+        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs:
+            raise self.refusal(f"{python.__name__} takes * or ** arguments", "give each a name of its own")
+        return Scope(python, definition, finish)
+
+    def _inlined(self, function: Any, given: Sequence[Any], finish: Any) -> Any:
+        """All that a function does, written here."""
+        scope = self._scope(function, finish)
+        for name, value in zip(scope.arguments, given, strict=True):
+            direct = isinstance(value, Number) and (value.is_atom or (scope.is_formula and scope.read[name] < 2))
+            direct = direct and not scope.stored[name]
+            scope.names[name] = value if direct else self.bound(name, value, "local", scope.stored[name] > 0)
+        return self._run(scope.definition.body, scope)
+
+    def _run(self, body: list[ast.stmt], scope: Scope) -> Any:
+        """Take the statements in turn.  Returns what the function returns; ``None`` where it goes on behind them."""
+        for k, node in enumerate(body):
+            self.where = f"line {node.lineno} of {Path(scope.function.__code__.co_filename).name}"
+            before = len(self.out)
+            found = self._taken(node, body[k + 1 :], scope)
+            if len(self.out) > before:
+                first: Any = self.out[before]
+                first.above = [*comments_of(scope.function, node), *getattr(first, "above", [])]
+            if found is not None:
+                return found
+        return None
+
+    def _taken(self, node: ast.stmt, rest: list[ast.stmt], scope: Scope) -> Any:
+        """Take one statement; a condition with a return takes the rest with it."""
+        if isinstance(node, ast.Return):
+            return scope.finish(None if node.value is None else self.value(node.value, scope))
+        if isinstance(node, ast.If):
+            test = self.flag(self.value(node.test, scope))
+            forks = has_return(node) and not (self.is_function and test.value is None)
+            tails = [[*branch, *(rest if forks else [])] for branch in (node.body, node.orelse)]
+            if test.value is None:
+                name = f"{scope.function.__name__.strip('_')}_found"
+                runs = (lambda: self._run(tails[0], scope), lambda: self._run(tails[1], scope))
+                found = self.either(test.text, runs, name, id(node))
+            else:
+                found = self._run(tails[0 if test.value else 1], scope)
+            return _RETURNED if forks and found is None else found
+        if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
+            value = self.value(node.value, scope)
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                self._set(target, value, scope)
+        elif isinstance(node, ast.AugAssign):
+            load = copy.copy(node.target)
+            load.ctx = ast.Load()
+            self._set(node.target, self.value(ast.BinOp(load, node.op, node.value), scope), scope)
+        elif isinstance(node, ast.For):
+            self._loop(node, scope)
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            self.value(node.value, scope)
+        elif not isinstance(node, ast.Pass) and not is_text(node):
+            word = _UNKNOWN.get(type(node).__name__, ast.unparse(node).partition("\n")[0])
+            raise self.refusal(f"it has {word}", "use assignments, if, for k in range(…) and return")
+        return None
+
+    def _set(self, target: ast.expr, value: Any, scope: Scope) -> None:
+        if isinstance(target, ast.Name):
+            scope.names[target.id] = self.bound(target.id, value, "local", scope.stored[target.id] > 1)
+        elif isinstance(target, (ast.Tuple, ast.List)):
+            parts = list(value.fields.values()) if isinstance(value, Record) else value
+            if not isinstance(value, (tuple, Record)) or len(parts) != len(target.elts):
+                raise self.refusal(f"{ast.unparse(target)} is given something else", "give a value for each name")
+            # all are found before the first is stored, as in a, b = b, a
+            if any(isinstance(one, ast.Name) and scope.stored[one.id] > 1 for one in target.elts):
+                parts = [self.bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
+            for one, part in zip(target.elts, parts, strict=True):
+                self._set(one, part, scope)
+        elif isinstance(target, ast.Subscript) and isinstance(self.value(target.value, scope), Rows):
+            index = self.whole(self.value(target.slice, scope))
+            self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self.real(value).text))
+        else:
+            raise self.refusal(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
+
+    def _loop(self, node: ast.For, scope: Scope) -> None:
+        call = node.iter
+        if not isinstance(call, ast.Call) or ast.unparse(call.func) != "range" or node.orelse:
+            raise self.refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…)")
+        if has_return(node) or not isinstance(node.target, ast.Name):
+            raise self.refusal("it returns from a loop", "keep what is found, and return behind the loop")
+        ends = [self.whole(self.value(one, scope)) for one in call.args]
+        if len(ends) == 3 and ends[2].value != -1:
+            raise self.refusal(f"it has {ast.unparse(call)}", "count by one, up or down")
+        i = self.local(node.target.id, "loop")
+        scope.names[node.target.id] = Number(ast.Name(i), "whole")
+        self.unit.kinds[i] = "whole"
+        inside: ast.expr | None = None
+        if len(ends) < 3:  # a loop of the languages has constant ends
+            largest = self._largest(ends[-1])
+            if largest is None:
+                raise self.refusal(
+                    f"{ast.unparse(call)} has no largest end", "give the loop a constant number of passes"
+                )
+            if ends[-1].value is None:
+                inside = ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])
+                ends[-1] = constant(largest)
+            self.bounds[i] = largest - 1
+        # what a pass changes is not known in the next
+        self.facts = {each for each in self.facts if each.removesuffix("_known") not in self.unsteady}
+        with self.aside() as block:
+            self._run(node.body, scope)
+        block = [ast.If(inside, block, [])] if inside and block else block
+        if block:
+            counted = ast.Call(ast.Name("range"), [one.text for one in ends], [])
+            self.out.append(ast.For(ast.Name(i), counted, block, []))
+
+    def _largest(self, end: Number) -> int | None:
+        """The largest value of a whole number."""
+        if end.value is not None:
+            return int(end.value)
+        if isinstance(end.text, ast.Name):
+            return self.bounds.get(end.text.id)
+        if isinstance(end.text, ast.BinOp) and isinstance(end.text.right, ast.Constant):
+            left = self._largest(Number(end.text.left, "whole"))
+            more: Any = end.text.right.value
+            return None if left is None or not isinstance(end.text.op, ast.Add) else left + more
+        return None
+
+    # calls
+
+    def call(self, node: ast.Call, scope: Scope) -> Any:
+        """What a call gives."""
+        function = self.value(node.func, scope)
+        given = [self.value(one, scope) for one in node.args]
+        keywords = {str(one.arg): self.value(one.value, scope) for one in node.keywords}
+        if isinstance(function, type) and hasattr(function, "_fields"):
+            values = {n: constant(x) for n, x in zip(function._fields, defaults_of(function), strict=True)}
+            return Record(function, values | dict(zip(function._fields, given, strict=False)) | keywords)
+        if function is is_sample:  # an exported controller is called at its samples alone
+            return constant(True)
+        if function is len and isinstance(given[0], Table):
+            return constant(len(given[0].values))
+        name = self.known_function(function)
+        if name:
+            return self.mathematics(name, given)
+        python = getattr(function, "py_func", function)
+        if not isinstance(python, FunctionType):
+            raise self.refusal(f"it calls {ast.unparse(node.func)}", f"use {KNOWN} and functions written in Python")
+        if id(node) in self.path:
+            raise self.refusal(f"{python.__name__} calls itself", "write it as a loop")
+        before, self.path = self.path, (*self.path, id(node))
+        found = self._called(python, given, keywords)
+        self.path = before
+        return found
+
+    def _called(self, python: FunctionType, given: list[Any], keywords: dict[str, Any]) -> Any:
+        """A call: a formula as it is; numbers are given to a function of the laws; the rest is written here."""
+        scope = self._scope(python, None)
+        names, defaults = scope.arguments, python.__defaults__ or ()
+        behind = {n: constant(x) for n, x in zip(names[len(names) - len(defaults) :], defaults, strict=True)}
+        values = behind | dict(zip(names, given, strict=False)) | keywords
+        given = [values[n] for n in names]
+        if scope.is_formula and all(
+            isinstance(one, Number) and (one.is_atom or scope.read[n] < 2) for n, one in values.items()
+        ):
+            with self.aside() as block:
+                found = self._inlined(python, given, lambda one: one)
+            if isinstance(found, Number) and not block:
+                return found
+        is_section = bool(given) and isinstance(given[0], Rows) and not has_return(scope.definition)
+        numbers = {n: values[n] for n in names[is_section:]}
+        if all(isinstance(one, (Number, Choice)) for one in numbers.values()):
+            texts = [self._passed(n, one) for n, one in numbers.items()]
+            kinds = tuple(one.kind for one in texts)
+            if not any(one.is_nothing or one.needs - self.facts for one in texts):
+                if is_section:
+                    name = self._section(python, kinds)
+                    self.out.append(ast.Expr(call_of(name, ast.Name("s"), *(one.text for one in texts))))
+                    return None
+                made = self._function(python, kinds)
+                if made is not None:
+                    return Number(call_of(made[0], *(one.text for one in texts)), made[1])
+        return self._inlined(python, given, lambda one: one)
+
+    def _passed(self, name: str, value: Number | Choice) -> Number:
+        """A number as an argument of this name."""
+        return self.number(Choice(value.test, value.yes, value.no, name) if isinstance(value, Choice) else value)
+
+    def _function(self, python: FunctionType, kinds: tuple[str, ...]) -> tuple[str, str, str] | None:
+        """Name, kind and text of a function of the laws; ``None`` for one that cannot stand by itself."""
+        key = (python, kinds)
+        if key not in self.functions:
+            state = (self.unit, self.path, self.is_function, self.facts, self.definitions, self.out, self.where)
+            name = self.named(python.__name__.strip("_"), key, self.units[""])
+            self.enter(key, key)
+            found: set[str] = set()
+
+            def finish(value: Any) -> object:
+                if isinstance(value, Choice):
+                    blocks = []
+                    for side, truth in ((value.yes, True), (value.no, False)):
+                        with self.aside(value.test, truth) as block:
+                            finish(side)
+                        blocks.append(block)
+                    self.when(value.test, *blocks)
+                    return _RETURNED
+                if not isinstance(value, Number) or value.needs - self.facts or value.is_nothing:
+                    raise InlineError
+                number = self.real(value) if value.kind == "whole" else value
+                found.add(number.kind)
+                self.out.append(ast.Return(number.text))
+                return _RETURNED
+
+            self.functions[key] = None
+            try:
+                head = self._arguments(python, kinds, finish)
+                if len(found) == 1:
+                    kind = found.pop()
+                    del self.functions[key]  # behind those that it calls
+                    text = function_text(name, head, _WORDS[kind], docstring_of(python), needed(self.out, set()))
+                    self.functions[key] = (name, kind, text)
+            except InlineError:
+                pass
+            self.unit, self.path, self.is_function, self.facts, self.definitions, self.out, self.where = state
+        return self.functions[key]
+
+    def _section(self, python: FunctionType, kinds: tuple[str, ...]) -> str:
+        """Name of a function that works on the array and returns nothing."""
+        key = (python, kinds)
+        if key not in self.sections:
+            state = (self.path, self.facts, self.definitions, self.out, self.where)
+            name = self.named(python.__name__.strip("_"), key)
+            self.enter("", key)
+            head = self._arguments(python, kinds, lambda _: _RETURNED, Rows())
+            body = needed(self.out, {"s.w"})
+            text = function_text(name, ["s: State", *head], "None", docstring_of(python), body)
+            self.path, self.facts, self.definitions, self.out, self.where = state
+            self.sections[key] = (name, text)
+        return self.sections[key][0]
+
+    def _arguments(self, python: FunctionType, kinds: tuple[str, ...], finish: Any, *rows: Rows) -> list[str]:
+        """Translate a function with arguments of some kinds.  Returns how they are declared."""
+        names = self._scope(python, None).arguments[len(rows) :]
+        head = {self.local(n, "argument"): kind for n, kind in zip(names, kinds, strict=True)}
+        self.unit.kinds |= head
+        self._inlined(python, [*rows, *(Number(ast.Name(n), kind) for n, kind in head.items())], finish)
+        return [f"{n}: {_WORDS[kind]}" for n, kind in head.items()]
+
+    def _written(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
         """The texts, without constants and fields that nothing reads."""
-        name = self._local(self.rule, "rule")
+        python = getattr(self.step, "py_func", self.step)
+        name = self.named(self.rule, "rule")
         arguments = [n for n in ("T_sup", "T_set", "m_a") if n in read_in(body)]
         head = ["s: State", *(f"{n}: float" for n in arguments)]
-        main = function_text(name, head, "None", docstring_of(scope.function), body)
-        functions = [text for _, _, text in self.functions.values() if text]
-        sections = [*(text for _, _, text in self.sections.values()), main]
-        called = {each.casefold() for each, _, _ in (*self.functions.values(), *self.sections.values())}
-        called |= {each.casefold() for each in (*RESERVED, *self.constants, *map(str.upper, self.numbers))}
-        functions = [self._renumbered(text, set(called)) for text in functions]
-        sections = self._renumbered("\n\n\n".join(sections), self.taken | called).split("\n\n\n")
-        read = {*names_in("\n".join([*functions, *sections]))}
-        stored = set(re.findall(r"\bs\.(\w+)", "\n".join(sections)))
-        fields, start = [], []
-        for n, number in first.items():
-            kept, is_nothing = self.fields[n], number.value is not None and math.isnan(number.value)
-            if kept in stored:
-                said = documented(scope.function.__code__.co_filename, n, self.Memory.__name__)
+        sections = [*(text for _, text in self.sections.values())]
+        sections.append(function_text(name, head, "None", docstring_of(python), body))
+        functions = [made[2] for made in self.functions.values() if made is not None]
+        used = set(re.findall(r"\bs\.(\w+)", "\n".join(sections)))
+        fields = []
+        for n, field in self.fields.items():
+            kept = field[2:]
+            if kept in used:
+                said = documented(python.__code__.co_filename, n, self.Memory.__name__)
                 fields.append(commented(f"{kept}: float", said))
-                start.append(f"s.{kept} = {text_of(ast.Constant(0.0) if is_nothing else self._real(number).text)}")
-            if f"{kept}_known" in stored:
+            if f"{kept}_known" in used:
                 fields.append(f"{kept}_known: bool  # whether {kept} has a value")
-                start.append(f"s.{kept}_known = {not is_nothing}")
-        if self.words and "w" in stored:
+        start = lines_of(needed(begins, {f"s.{each}" for each in used}))
+        if "w" in used:
             fields.append("w: list[float]  # sums and other numbers, one behind the other")
             start.append(f"s.w = zeros({self.words})")
-        read |= {*names_in("\n".join(start))}
+        read = {*names_in("\n".join([*functions, *sections, *start]))}
         return Port(
             tuple(n for n in self.numbers if n.upper() in read),
             [constant_text(n, value, said) for n, (value, said) in self.constants.items() if n in read],
             fields, start, functions, sections, f"{name}({', '.join(['s', *arguments])})",
             frozenset({*arguments, *(["T_seen"] if "T_seen" in read else [])}),
         )  # fmt: skip
+
+
+def _reads(block: list[ast.stmt], target: str) -> bool:
+    return bool({target, f"{target}_known"} & read_in(block))

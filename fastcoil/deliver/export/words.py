@@ -48,3 +48,16 @@ def plain_text(text: str) -> str:
 def number(value: float) -> str:
     """A number with all its digits: 1e-9, not 1e-09."""
     return re.sub(r"e([-+])0", r"e\1", repr(float(value)))
+
+
+def broken(line: str, breaks: str, width: int = WIDTH) -> list[str]:
+    """A line that is too long as several, each after the first further in; breaks: before which words it may end."""
+    if len(line) <= width:
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    places = [m.start() for m in re.finditer(breaks, line) if len(indent) < m.start() <= width]
+    if not places:
+        return [line]
+    depth = {place: line[:place].count("(") - line[:place].count(")") for place in places}
+    best = max(place for place in places if depth[place] == min(depth.values()))
+    return [line[:best], *broken(indent + line[best:].lstrip(), breaks, width)]

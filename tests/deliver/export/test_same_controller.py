@@ -147,7 +147,7 @@ MUTATIONS = [
     ("learner", "s.clock >= s.next_update", "s.clock > s.next_update"),
     ("variants", "size_2 * LEARNING_SHRINK", "size_2"),
     ("variants", "return last * growth", "return last"),
-    ("variants", "chatter_2 or (ends and", "chatter_2 or (False and"),
+    ("variants", "down_2 = chatter or (ends and", "down_2 = chatter or (False and"),
     ("variants", "ESTIMATE_SHARE * s.estimate", "s.estimate"),
     ("hagglund", "KP * PLANT_GAIN * s.duration - TI", "KP * PLANT_GAIN * s.duration"),
     ("hagglund", "least(most(low, high), e)", "most(low, high)"),
