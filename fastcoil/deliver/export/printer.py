@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import ast
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, ClassVar
 
-from fastcoil.deliver.export.source import Function, Laws
-from fastcoil.deliver.export.words import WIDTH, broken
+from fastcoil.deliver.export.source import Function, Laws, Named
+from fastcoil.deliver.export.words import WIDTH, broken, number
 
 _LEVEL = {"or": 1, "and": 2, "compare": 4, "sum": 5, "product": 6, "unary": 7, "whole": 8}
 """How tightly an operator binds, in both languages."""
@@ -18,62 +18,57 @@ _SIGNS: Mapping[type, tuple[str, str]] = {
 }  # fmt: skip
 
 
-class Printer(ABC):
-    """What the languages share; each says its own words.
+class Printer:
+    """What the languages share.
 
-    WORDS: of operators, of True and False, and of the parts of a statement, with {} for what is in them.  FUNCTIONS:
-    their names by those of Python.  BREAKS: where a line may end.
+    WORDS: of operators, truths and the parts of a statement, with {} for what is in them.  FUNCTIONS: their names by
+    those of Python.  TYPES: of numbers by their kind.  COMMENT: what stands before, in and behind one.  BREAKS: where a
+    line may end.
     """
 
-    WORDS: Mapping[str, str]
-    FUNCTIONS: Mapping[str, str]
-    BREAKS: str
-    TYPES: Mapping[str, str]
+    WORDS: ClassVar[dict[str, str]]
+    FUNCTIONS: ClassVar[dict[str, str]]
+    TYPES: ClassVar[dict[str, str]]
+    COMMENT: ClassVar[tuple[str, str, str]]
+    BREAKS: ClassVar[str]
 
     def __init__(self, laws: Laws) -> None:
-        self.laws = laws
-        self.functions = dict(self.FUNCTIONS)
+        self.laws, self.words, self.functions = laws, dict(self.WORDS), dict(self.FUNCTIONS)
 
-    @abstractmethod
-    def state(self, field: str) -> str:
-        """A field of the state."""
-
-    @abstractmethod
-    def index(self, indices: list[str]) -> str:
-        """Some subscripts."""
-
-    @abstractmethod
-    def number(self, value: float) -> str:
-        """A real number."""
-
-    @abstractmethod
     def comment(self, text: str) -> str:
         """A comment of one line, or of several."""
+        first, mark, last = self.COMMENT
+        lines = [f"{mark}{line}".rstrip() for line in text.splitlines()]
+        return f"{first} {text} {last}" if len(lines) < 2 else "\n".join([first, *lines, mark[:1].strip() + last])
 
-    @abstractmethod
-    def call(self, function: Function, given: list[ast.expr]) -> list[str]:
-        """The call of a function that works on the state."""
-
-    @abstractmethod
-    def zeros(self, target: str, sizes: list[ast.expr]) -> list[str]:
-        """An array filled with zeros."""
-
-    @abstractmethod
-    def loop(self, i: str, ends: tuple[ast.expr, ast.expr, bool]) -> tuple[str, str]:
-        """Head and end of a loop from a number to the one before another, or down."""
+    def number(self, value: float) -> str:
+        """A real number."""
+        return number(value)
 
     def constant(self, value: object) -> str:
         """A number or a truth."""
         if isinstance(value, bool):
-            return self.WORDS[str(value)]
+            return self.words[str(value)]
         return self.number(value) if isinstance(value, float) else str(value)
+
+    def listed(self, items: Iterable[Named], text: Callable[[Named], str], indent: str = "") -> list[str]:
+        """Declarations with what is said of them, aligned from gap to gap."""
+        lines: list[str] = []
+        rows: list[tuple[str, str]] = []
+        for one in items:
+            if rows and self.laws.has_gap(one.line):
+                lines, rows = [*lines, *_aligned(rows), ""], []
+            rows += [(indent + self.comment(line), "") for line in self.laws.above(one.line)]
+            said = self.laws.comment(one.line)
+            rows.append((indent + text(one), said and self.comment(said)))
+        return [*lines, *_aligned(rows)]
 
     def say(self, node: ast.expr, around: str = "or") -> str:
         """An expression inside one that binds like ``around``."""
         text, level = self._said(node)
         return f"({text})" if _LEVEL[level] < _LEVEL[around] else text
 
-    def _said(self, node: ast.expr) -> tuple[str, str]:  # noqa: PLR0911 — one for each kind
+    def _said(self, node: ast.expr) -> tuple[str, str]:
         if isinstance(node, ast.BinOp):
             sign, level = _SIGNS[type(node.op)]
             # what stands on the right is grouped first, or the rounding would be another
@@ -81,26 +76,28 @@ class Printer(ABC):
             return f"{self.say(node.left, level)} {sign} {self.say(node.right, right)}", level
         if isinstance(node, ast.BoolOp):
             sign, level = _SIGNS[type(node.op)]
-            # a comparison among conditions is grouped where the language needs it
-            parts = [self.say(one, "sum" if "group" in self.WORDS else "compare") for one in node.values]
-            return f" {self.WORDS[sign]} ".join(parts), level
+            # a comparison among conditions is grouped for the reader; of one kind with another it has to be
+            return f" {self.words[sign]} ".join(self.say(one, "sum") for one in node.values), level
         if isinstance(node, ast.Compare):
             sign, level = _SIGNS[type(node.ops[0])]
             sides = (self.say(one, "sum") for one in (node.left, node.comparators[0]))
-            return f" {self.WORDS.get(sign, sign)} ".join(sides), level
+            return f" {self.words.get(sign, sign)} ".join(sides), level
         if isinstance(node, ast.UnaryOp):
-            sign = self.WORDS["not"] if isinstance(node.op, ast.Not) else "-"
+            sign = self.words["not"] if isinstance(node.op, ast.Not) else "-"
             return f"{sign}{self.say(node.operand, 'unary')}", "unary"
+        return self._term(node), "whole"
+
+    def _term(self, node: ast.expr) -> str:
         if isinstance(node, ast.Constant):
-            return self.constant(node.value), "whole"
+            return self.constant(node.value)
         if isinstance(node, ast.Name):
-            return node.id, "whole"
+            return node.id
         if isinstance(node, ast.Attribute):
-            return self.state(node.attr), "whole"
+            return self.words["state"] + node.attr
         if isinstance(node, ast.Subscript):
-            return self.say(node.value) + self.index([self.say(node.slice)]), "whole"
+            return f"{self.say(node.value)}[{self.say(node.slice)}]"
         if isinstance(node, ast.Call):
-            return f"{self.functions[ast.unparse(node.func)]}({', '.join(map(self.say, node.args))})", "whole"
+            return f"{self.functions[ast.unparse(node.func)]}({', '.join(map(self.say, node.args))})"
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
     def block(self, body: list[ast.stmt], depth: int) -> list[str]:
@@ -113,54 +110,69 @@ class Printer(ABC):
             lines += [indent + self.comment(one) for one in self.laws.above(node.lineno)]
             first, *rest = self._statement(node, depth)
             beside = f"{indent}{first}  {self.comment(said)}" if said else indent + first
-            if len(beside) > WIDTH and said:
+            if said and len(beside) > WIDTH:
                 lines, beside = [*lines, indent + self.comment(said)], indent + first
             lines += [*broken(beside, self.BREAKS), *rest]
         return lines
 
     def _statement(self, node: ast.stmt, depth: int) -> list[str]:
         """A statement, its first line without indentation."""
-        words, say, indent = self.WORDS, self.say, "    " * depth
-        found: list[str] = []
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and _name(node.value) == "zeros":
-            found = self.zeros(say(node.targets[0]), node.value.args)
-        elif isinstance(node, ast.Assign):
-            found = [words["="].format(self.target(node.targets[0]), say(node.value))]
-        elif isinstance(node, ast.AugAssign):
-            found = [words["="].format(say(node.target), say(ast.BinOp(node.target, node.op, node.value)))]
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            found = self.call(self.laws.functions[_name(node.value)], node.value.args[1:])
-        elif isinstance(node, ast.Return) and node.value is not None:
-            found = words["return"].format(say(node.value)).splitlines()
-        elif isinstance(node, ast.For) and isinstance(node.iter, ast.Call):
-            head, end = self.loop(say(node.target), _counted(node.iter))
-            return [head, *self.block(node.body, depth + 1), indent + end]
-        elif isinstance(node, ast.If):
+        words, say, indent = self.words, self.say, "    " * depth
+        if isinstance(node, ast.For) and isinstance(node.iter, ast.Call):
+            ends, goes_up = node.iter.args, len(node.iter.args) < 3
+            low = say(ends[0]) if len(ends) > 1 else "0"
+            high: Any = ends[min(len(ends), 2) - 1]
+            last = f"{say(high)} {'-' if goes_up else '+'} 1"
+            if isinstance(high, ast.Constant):
+                last = str(high.value - 1 if goes_up else high.value + 1)
+            way = words["up" if goes_up else "down"]
+            head = way.format(i=say(node.target), low=low, high=say(high), last=last)
+            return [head, *self.block(node.body, depth + 1), indent + words["end for"]]
+        if isinstance(node, ast.If):
             lines = [words["if"].format(say(node.test)), *self.block(node.body, depth + 1)]
             while self.laws.has_elif(node) and isinstance(node.orelse[0], ast.If):
                 node = node.orelse[0]
                 lines += broken(indent + words["elif"].format(say(node.test)), self.BREAKS)
                 lines += self.block(node.body, depth + 1)
             lines += [indent + words["else"], *self.block(node.orelse, depth + 1)] if node.orelse else []
-            return [*lines, indent + words["end"]]
-        else:
-            raise TypeError(f"the laws have no {ast.unparse(node)}")
-        return [found[0], *(indent + line if line else "" for line in found[1:])]
+            return [*lines, indent + words["end if"]]
+        first, *rest = self._simple(node)
+        return [first, *(indent + line if line else "" for line in rest)]
 
-    def target(self, node: ast.expr) -> str:
+    def _simple(self, node: ast.stmt) -> list[str]:
+        """A statement without others inside."""
+        words, say = self.words, self.say
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            return self.call(self.laws.functions[ast.unparse(node.value.func)], node.value.args[1:])
+        if isinstance(node, ast.Return) and node.value is not None:
+            return words["return"].format(say(node.value)).splitlines()
+        if isinstance(node, ast.AugAssign):
+            return [words["="].format(say(node.target), say(ast.BinOp(node.target, node.op, node.value)))]
+        if isinstance(node, ast.Assign):
+            target, value = node.targets[0], node.value
+            if isinstance(value, ast.Call) and ast.unparse(value.func) == "zeros":
+                return words["zeros"].format(say(target), int(ast.unparse(value.args[0])) - 1).splitlines()
+            return [words["="].format(self.target(say(target)), say(value))]
+        raise TypeError(f"the laws have no {ast.unparse(node)}")
+
+    def call(self, function: Function, given: list[ast.expr]) -> list[str]:
+        """The call of a function that works on the state."""
+        return [f"{self.functions[function.name]}({', '.join(['s', *map(self.say, given)])});"]
+
+    def target(self, name: str) -> str:
         """What is stored."""
-        return self.say(node)
+        return name
 
     def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
         """Kinds of the intermediate values and the counters that some statements store, in their order."""
         found: dict[str, str] = {}
         for node in statements_in(body):
-            target = node.target if isinstance(node, ast.For) else getattr(node, "targets", [None])[0]
-            if isinstance(target, ast.Name) and target.id not in arguments:
-                known = self.laws.kinds | arguments | found
-                kind = kind_of(node.value, known) if isinstance(node, ast.Assign) else "whole"
-                if found.setdefault(target.id, kind) != kind:
-                    raise TypeError(f"{target.id} has two types in the laws")
+            for target in targets_of(node):
+                if isinstance(target, ast.Name) and target.id not in arguments:
+                    known = self.laws.kinds | arguments | found
+                    kind = kind_of(node.value, known) if isinstance(node, ast.Assign) else "whole"
+                    if found.setdefault(target.id, kind) != kind:
+                        raise TypeError(f"{target.id} has two types in the laws")
         return found
 
 
@@ -170,6 +182,11 @@ def statements_in(body: list[ast.stmt]) -> Iterator[ast.stmt]:
         yield node
         if isinstance(node, (ast.If, ast.For)):
             yield from statements_in([*node.body, *node.orelse])
+
+
+def targets_of(node: ast.stmt) -> list[ast.expr]:
+    """What a statement stores, or counts with."""
+    return node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.For) else []
 
 
 def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
@@ -183,23 +200,13 @@ def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
     if isinstance(node, ast.BinOp):
         both = {kind_of(node.left, kinds), kind_of(node.right, kinds)}
         return "whole" if both == {"whole"} else "real"
-    name = _name(node) if isinstance(node, ast.Call) else ast.unparse(node)
+    name = ast.unparse(node.func if isinstance(node, ast.Call) else node)
     if name in ("min", "max", "abs") and isinstance(node, ast.Call):
         return kind_of(node.args[0], kinds)
     return "whole" if name == "int" else kinds.get(name, "real")
 
 
-def _name(call: ast.Call) -> str:
-    return ast.unparse(call.func)
-
-
-def _counted(call: ast.Call) -> tuple[ast.expr, ast.expr, bool]:
-    """First value of a range, the one behind the last, and whether it counts down."""
-    low, high = [ast.Constant(0), *call.args][-2:] if len(call.args) < 3 else call.args[:2]
-    return low, high, len(call.args) > 2
-
-
-def aligned(rows: list[tuple[str, str]], width: int = 116) -> list[str]:
+def _aligned(rows: list[tuple[str, str]], width: int = 116) -> list[str]:
     """Code and what is said of it: below one another behind the code, or above it where a line is too short."""
     column = max((len(code) for code, said in rows if said and "\n" not in code), default=0)
     lines = []

@@ -13,7 +13,7 @@ _KINDS = {"float": "real", "bool": "flag", "int": "whole", "None": "", "list[flo
 
 @dataclass(frozen=True)
 class Named:
-    """A constant with its value, or a field of the state; size: of an array."""
+    """A constant with its value, a field of the state or an argument; size: of an array."""
 
     name: str
     kind: str
@@ -24,15 +24,19 @@ class Named:
 
 @dataclass(frozen=True)
 class Function:
-    """A function of numbers, or a section: one that works on the state, given first.  lines: of its arguments."""
+    """A function of numbers, or a section: one that works on the state, given first."""
 
     name: str
-    arguments: dict[str, str]
+    arguments: list[Named]
     returns: str
     text: str
     body: list[ast.stmt]
     is_section: bool
-    lines: dict[str, int]
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Of its arguments."""
+        return {one.name: one.kind for one in self.arguments}
 
 
 class Laws:
@@ -94,10 +98,9 @@ def _function(node: ast.FunctionDef) -> Function:
     kinds = {one.arg: ast.unparse(one.annotation or ast.Name("float")) for one in node.args.args}
     return Function(
         node.name,
-        {name: _KINDS[kind] for name, kind in kinds.items() if kind != "State"},
+        [Named(one.arg, _KINDS[kinds[one.arg]], one.lineno) for one in node.args.args if kinds[one.arg] != "State"],
         _KINDS[ast.unparse(node.returns or ast.Name("None"))],
         ast.get_docstring(node) or "",
         node.body[1:],  # behind its text
         "State" in kinds.values(),
-        {one.arg: one.lineno for one in node.args.args},
     )

@@ -7,10 +7,10 @@ edition see no state but their own, and function blocks have no methods.
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
 from textwrap import wrap
+from typing import ClassVar
 
-from fastcoil.deliver.export.printer import Printer, aligned, statements_in
+from fastcoil.deliver.export.printer import Printer, statements_in
 from fastcoil.deliver.export.source import Function, Laws, Named
 from fastcoil.deliver.export.words import WIDTH, number
 
@@ -29,16 +29,19 @@ _STEP = "    "
 class InST(Printer):
     """Writes the laws in Structured Text; ``name`` is part of the names that a project sees."""
 
-    TYPES = {"real": "LREAL", "flag": "BOOL", "whole": "INT"}
-    WORDS = {
-        "or": "OR", "and": "AND", "not": "NOT ", "True": "TRUE", "False": "FALSE", "==": "=", "!=": "<>", "group": "",
-        "=": "{} := {};", "if": "IF {} THEN", "elif": "ELSIF {} THEN", "else": "ELSE", "end": "END_IF;",
+    TYPES: ClassVar = {"real": "LREAL", "flag": "BOOL", "whole": "INT"}
+    WORDS: ClassVar = {
+        "or": "OR", "and": "AND", "not": "NOT ", "True": "TRUE", "False": "FALSE", "==": "=", "!=": "<>", "state": "",
+        "=": "{} := {};", "if": "IF {} THEN", "elif": "ELSIF {} THEN", "else": "ELSE", "end if": "END_IF;",
+        "up": "FOR {i} := {low} TO {last} DO", "down": "FOR {i} := {low} TO {last} BY -1 DO", "end for": "END_FOR;",
+        "zeros": f"FOR i := 0 TO {{1}} DO\n{_STEP}{{0}}[i] := 0.0;\nEND_FOR;",
     }  # fmt: skip
-    FUNCTIONS = {
+    FUNCTIONS: ClassVar = {
         "abs": "ABS", "max": "MAX", "min": "MIN", "math.exp": "EXP", "math.log": "LN", "math.sqrt": "SQRT",
         "math.sin": "SIN", "math.cos": "COS", "math.tan": "TAN", "math.asin": "ASIN", "math.acos": "ACOS",
         "math.atan": "ATAN", "math.pow": "EXPT", "float": "INT_TO_LREAL", "int": "TRUNC",
     }  # fmt: skip
+    COMMENT = ("(*", "   ", "*)")
     BREAKS = r" (?=AND |OR |[-+*/] )|(?<=,) "
 
     def __init__(self, laws: Laws, name: str) -> None:
@@ -62,13 +65,13 @@ class InST(Printer):
         )
 
     def _function(self, one: Function) -> str:
-        inputs = [f"{_STEP}{name} : {self.TYPES[kind]};" for name, kind in one.arguments.items()]
         own = self.functions[one.name]
-        self.WORDS = {**type(self).WORDS, "return": f"{own} := {{}};\nRETURN;"}
+        self.words["return"] = f"{own} := {{}};\nRETURN;"
         body = self.block(one.body, 0)
         lines = [
             *(self.comment(one.text), f"FUNCTION {own} : {self.TYPES[one.returns]}"),
-            *("VAR_INPUT", *inputs, "END_VAR", *self._declared(self.locals_of(one.body, one.arguments))),
+            *("VAR_INPUT", *(_STEP + self._declared(each) for each in one.arguments), "END_VAR"),
+            *self._intermediate(self.locals_of(one.body, one.kinds)),
             *(body[:-1] if body[-1] == "RETURN;" else body),
             "END_FUNCTION",
         ]
@@ -76,24 +79,19 @@ class InST(Printer):
 
     def _block(self) -> str:
         laws, step = self.laws, self.laws.functions["step"]
-        inputs = [
-            (f"{_STEP}{name} : {self.TYPES[kind]};", self.comment(laws.comment(step.lines[name])))
-            for name, kind in step.arguments.items()
-        ]
-        shown: list[tuple[str, str]] = []
-        hidden: list[tuple[str, str]] = []
-        for one in laws.fields:
-            said = laws.comment(one.line)
-            array = f"ARRAY[0..{one.size - 1}] OF " if one.size else ""
-            row = (f"{_STEP}{one.name} : {array}{self.TYPES[one.kind]};", said and self.comment(said))
-            (shown if one.name in OUTPUTS else hidden).append(row)
+        shown = [one for one in laws.fields if one.name in OUTPUTS]
+        hidden = [one for one in laws.fields if one.name not in OUTPUTS]
+        found = self.locals_of(step.body, step.kinds)
+        named = [one.name.lower() for one in (*step.arguments, *laws.constants, *laws.fields)]
+        for name in {each.lower() for each in found}.intersection(named):
+            raise TypeError(f"{name} is two things in the laws: Structured Text does not tell them apart")
         lines = [
             f"FUNCTION_BLOCK {self.block_name}",
-            *("VAR_INPUT", *aligned(inputs), "END_VAR"),
-            *("VAR_OUTPUT", *aligned(shown), "END_VAR"),
-            *("VAR CONSTANT", *self._constants(), "END_VAR"),
-            *(f"VAR  (* {laws.state_text} *)", *aligned(hidden), "END_VAR"),
-            *self._declared(self.locals_of(step.body, step.arguments)),
+            *("VAR_INPUT", *self.listed(step.arguments, self._declared, _STEP), "END_VAR"),
+            *("VAR_OUTPUT", *self.listed(shown, self._declared, _STEP), "END_VAR"),
+            *("VAR CONSTANT", *self.listed(laws.constants, self._constant, _STEP), "END_VAR"),
+            *(f"VAR  (* {laws.state_text} *)", *self.listed(hidden, self._declared, _STEP), "END_VAR"),
+            *self._intermediate(found),
             *("", *self._section(step), "END_FUNCTION_BLOCK"),
         ]
         return "\n".join(lines)
@@ -102,38 +100,29 @@ class InST(Printer):
         """With those of the sections that are called, which are written there."""
         found = super().locals_of(body, arguments)
         for node in statements_in(body):
+            inner: dict[str, str] = {}
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
                 one = self.laws.functions[ast.unparse(node.value.func)]
-                passed = zip(one.arguments.items(), node.value.args[1:], strict=True)
+                passed = zip(one.kinds.items(), node.value.args[1:], strict=True)
                 inner = {name: kind for (name, kind), value in passed if ast.unparse(value) != name}
-                inner |= self.locals_of(one.body, one.arguments)
-                for name, kind in inner.items():
-                    if found.setdefault(name, kind) != kind:
-                        raise TypeError(f"{name} has two types in the laws")
+                inner |= self.locals_of(one.body, one.kinds)
             elif isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("zeros("):
-                found["i"] = "whole"
-        if arguments is self.laws.functions["step"].arguments:
-            named = [*arguments, *(one.name for one in (*self.laws.constants, *self.laws.fields))]
-            for name in {each.lower() for each in named} & {each.lower() for each in found}:
-                raise TypeError(f"{name} is two things in the laws: Structured Text does not tell them apart")
+                inner = {"i": "whole"}
+            if any(found.setdefault(name, kind) != kind for name, kind in inner.items()):
+                raise TypeError(f"one of {', '.join(inner)} has two types in the laws")
         return found
 
-    def _declared(self, kinds: Mapping[str, str]) -> list[str]:
+    def _declared(self, one: Named) -> str:
+        array = f"ARRAY[0..{one.size - 1}] OF " if one.size else ""
+        return f"{one.name} : {array}{self.TYPES[one.kind]};"
+
+    def _intermediate(self, kinds: dict[str, str]) -> list[str]:
         """Declarations of the intermediate values, by type."""
         lines = []
         for kind, word in self.TYPES.items():
             names = [name for name, own in kinds.items() if own == kind]
             lines += wrap(f"{', '.join(names)} : {word};", WIDTH - 4) if names else []
         return ["VAR  (* Intermediate values. *)", *(_STEP + line for line in lines), "END_VAR"] if lines else []
-
-    def _constants(self) -> list[str]:
-        rows: list[tuple[str, str]] = []
-        for one in self.laws.constants:
-            rows += [("", "")] if rows and self.laws.has_gap(one.line) else []
-            rows += [(_STEP + self.comment(line), "") for line in self.laws.above(one.line)]
-            said = self.laws.comment(one.line)
-            rows.append((_STEP + self._constant(one), said and self.comment(said)))
-        return aligned(rows)
 
     def _constant(self, one: Named) -> str:
         if isinstance(one.value, list):
@@ -142,42 +131,18 @@ class InST(Printer):
         return f"{one.name} : {self.TYPES[one.kind]} := {self.constant(one.value)};"
 
     def call(self, function: Function, given: list[ast.expr]) -> list[str]:
-        """What it does, behind the values of its arguments, with a gap around it."""
-        passed = zip(function.arguments, given, strict=True)
+        """What it does, behind the values of its arguments."""
+        passed = zip(function.kinds, given, strict=True)
         values = [f"{name} := {self.say(value)};" for name, value in passed if ast.unparse(value) != name]
         return [*values, *self._section(function), ""]
 
     def _section(self, one: Function) -> list[str]:
         body = one.body[:-1] if isinstance(one.body[-1], ast.Return) else one.body  # the output is the command
         lines = self.block(body, 0)
-        return [*self.comment(one.text).splitlines(), *(lines[:-1] if not lines[-1] else lines)]
-
-    def state(self, field: str) -> str:
-        return field
-
-    def index(self, indices: list[str]) -> str:
-        return f"[{', '.join(indices)}]"
+        return [*self.comment(one.text).splitlines(), *(lines if lines[-1] else lines[:-1])]
 
     def number(self, value: float) -> str:
         return st_number(value)
-
-    def comment(self, text: str) -> str:
-        lines = text.splitlines()
-        return f"(* {text} *)" if len(lines) == 1 else "\n".join(["(*", *(f"   {x}".rstrip() for x in lines), "*)"])
-
-    def zeros(self, target: str, sizes: list[ast.expr]) -> list[str]:
-        return [f"FOR i := 0 TO {self._before(sizes[0])} DO", f"{_STEP}{target}[i] := 0.0;", "END_FOR;"]
-
-    def loop(self, i: str, ends: tuple[ast.expr, ast.expr, bool]) -> tuple[str, str]:
-        low, high, down = ends
-        last = self._before(high, -1) if down else self._before(high)
-        return f"FOR {i} := {self.say(low)} TO {last}{' BY -1' if down else ''} DO", "END_FOR;"
-
-    def _before(self, node: ast.expr, less: int = 1) -> str:
-        """A whole number one back, or one on."""
-        if isinstance(node, ast.Constant) and isinstance(node.value, int):
-            return str(node.value - less)
-        return f"{self.say(node)} {'-' if less > 0 else '+'} 1"
 
 
 def st_number(value: float) -> str:
