@@ -124,7 +124,7 @@ class Printer:
             high: Any = ends[min(len(ends), 2) - 1]
             last = f"{say(high)} {'-' if goes_up else '+'} 1"
             if isinstance(high, ast.Constant):
-                last = str(high.value - 1 if goes_up else high.value + 1)
+                last = str(int(str(high.value)) + (-1 if goes_up else 1))
             way = words["up" if goes_up else "down"]
             head = way.format(i=say(node.target), low=low, high=say(high), last=last)
             return [head, *self.block(node.body, depth + 1), indent + words["end for"]]
