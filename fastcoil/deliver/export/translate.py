@@ -14,11 +14,12 @@ import ast
 import copy
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from fastcoil.deliver.export.formulas import KNOWN, AgainError, Formulas, InlineError
+from fastcoil.deliver.export.formulas import KNOWN, Formulas, InlineError
 from fastcoil.deliver.export.python import (
     commented,
     comments_of,
@@ -43,9 +44,11 @@ from fastcoil.deliver.export.values import (
     expression,
     has_return,
     is_text,
+    joined,
     needed,
     read_in,
 )
+from fastcoil.deliver.export.variables import AgainError
 from fastcoil.model.estimators.interface import defaults_of, is_sample
 
 _MOST_ROUNDS = 50
@@ -87,7 +90,7 @@ class Translator(Formulas):
         self.goal = "s.decided" if kind == "law" else "s.estimate"
         taken = {each.casefold() for each in names}
         self.fields = {
-            n: "s." + self.named(f"{n}_kept" if n.casefold() in taken else n, "field") for n in Memory._fields
+            n: "s." + self._named(f"{n}_kept" if n.casefold() in taken else n, "field") for n in Memory._fields
         }
         self.changing: set[str] = set()
         """Fields of the memory that do not keep their first value."""
@@ -105,10 +108,12 @@ class Translator(Formulas):
                 return self._port()
             except AgainError:
                 continue
-        raise self.refusal("its variables have no kind of their own", "use a new name for another kind of value")
+        raise self._refusal("its variables have no kind of their own", "use a new name for another kind of value")
 
     def _port(self) -> Port:
-        self.begin()
+        self._begin()
+        self.bounds: dict[str, int] = {}
+        """Largest value of each counter."""
         self.functions: dict[Any, tuple[str, str, str] | None] = {}
         self.sections: dict[Any, tuple[str, str]] = {}
         parameters = Record(self.Parameters, {n: self._parameter(n) for n in self.Parameters._fields})
@@ -120,18 +125,18 @@ class Translator(Formulas):
             first = self._inlined(self.start, [parameters], lambda found: found.fields)
         memory: dict[str, Any] = {}
         for n, name in self.fields.items():
-            value = self.first[name] = self.real(first[n])
+            value = self.first[name] = self._real(first[n])
             if value.is_nothing and name in self.changing:
                 self.unit.nothing.add(name)
             kept = name not in self.changing and value.value is not None
-            memory[n] = value if kept else self.variable(name)
+            memory[n] = value if kept else self._variable(name)
             if value.is_nothing:
                 self.out += [assigned(name, ast.Constant(0.0)), assigned(f"{name}_known", ast.Constant(False))]
             else:
-                self.store(name, value)
+                self._store(name, value)
         begins, self.out = self.out, []
         given = [self._sample(), parameters, Record(self.Memory, memory), *([Rows()] if self.words else [])]
-        self.enter("")
+        self._enter("")
         self._inlined(self.step, given, self._commit)
         return self._written(begins, needed(self.out, {self.goal, "s.w"}))
 
@@ -155,57 +160,51 @@ class Translator(Formulas):
     def _commit(self, found: Any) -> Any:
         """Store what the rule returns; a field is stored after all that reads its value of before."""
         if not isinstance(found, tuple) or len(found) != 2 or not isinstance(found[1], Record):
-            raise self.refusal("it returns something else than a number and its memory", "return a number, Memory(…)")
+            raise self._refusal("it returns something else than a number and its memory", "return a number, Memory(…)")
         values = {self.goal: found[0]} | {self.fields[n]: one for n, one in found[1].fields.items()}
-        blocks = {target: block for target, value in values.items() if (block := self._left(target, value))}
+        blocks = {}
+        for target, value in values.items():
+            with self._aside() as block:
+                self._leave(target, value)
+            if block:
+                blocks[target] = block
         if not blocks.keys() <= {*self.changing, self.goal}:
             self.changing |= blocks.keys()
             raise AgainError
         last: list[ast.stmt] = []
         while blocks:
-            read = {target: [o for o in blocks if o != target and _reads(blocks[o], target)] for target in blocks}
-            target = next((one for one in blocks if not read[one]), "")
-            if target:
-                for node in blocks.pop(target):
-                    self._append(node)
-            else:  # two fields read one another
-                target = next(iter(blocks))
-                del blocks[target]
-                name = self.local(f"next_{target[2:]}", "next")
-                self.out += self._left(name, values[target])
-                last += self._left(target, self.variable(name))
+            waits = {t: any(t in read_in(block) for o, block in blocks.items() if o != t) for t in blocks}
+            target = min(blocks, key=waits.__getitem__)  # the first that none waits for
+            block = blocks.pop(target)
+            if waits[target]:  # two fields read one another
+                name = self._local(f"next_{target[2:]}", "next")
+                self._store(name, values[target])
+                with self._aside() as block:
+                    self._leave(target, self._variable(name))
+                last += block
+                continue
+            for node in block:
+                if isinstance(node, ast.If):
+                    self._when(node.test, node.body, node.orelse)
+                else:
+                    self.out.append(node)
         self.out += last
         return _RETURNED
 
-    def _append(self, node: ast.stmt) -> None:
-        if isinstance(node, ast.If):
-            self.when(node.test, node.body, node.orelse)
+    def _leave(self, target: str, value: Any) -> None:
+        """Store a part of what a step leaves; an estimate that is NaN is none."""
+        if isinstance(value, Choice):
+            yes, no = value.yes, value.no
+            self._either(value.test, (lambda: self._leave(target, yes), lambda: self._leave(target, no)))
+        elif target == self.goal:
+            number = self._real(value)
+            needs, store = self._needs(number), assigned(target, call_of("clipped", number.text))
+            if ast.unparse(number.text) != target and not number.is_nothing:
+                self.out.append(ast.If(joined(ast.And(), needs), [store], []) if needs else store)
         else:
-            self.out.append(node)
-
-    def _left(self, target: str, value: Any) -> list[ast.stmt]:
-        """Statements that store a part of what a step leaves."""
-        with self.aside() as block:
-            if isinstance(value, Choice):
-                sides = []
-                for side, truth in ((value.yes, True), (value.no, False)):
-                    with self.aside(value.test, truth):
-                        sides.append(self._left(target, side))
-                self.when(value.test, *sides)
-            elif target == self.goal:
-                number = self.real(value)
-                store = assigned(target, call_of("clipped", number.text))
-                needs = number.needs - self.facts
-                if needs:
-                    self.out.append(ast.If(self.all_known(needs), [store], []))
-                elif ast.unparse(number.text) != target:
-                    self.out.append(store)
-            else:
-                number, first = self.number(value), self.first.get(target)
-                is_first = first is not None and number.value is not None and repr(number.value) == repr(first.value)
-                if target in self.changing or not is_first:
-                    self.store(target, number)
-        return block
+            number, first = self._number(value), self.first[target].value
+            if target in self.changing or first is None or repr(number.value) != repr(first):
+                self._store(target, number)
 
     # statements
 
@@ -213,10 +212,10 @@ class Translator(Formulas):
         python = getattr(function, "py_func", function)
         definition = definition_of(python)
         if definition is None:
-            raise self.refusal(f"the source of {python.__name__} is not at hand", "write it in a file, as a def")
+            raise self._refusal(f"the source of {python.__name__} is not at hand", "write it in a file, as a def")
         arguments = definition.args
         if arguments.vararg or arguments.kwarg or arguments.kwonlyargs:
-            raise self.refusal(f"{python.__name__} takes * or ** arguments", "give each a name of its own")
+            raise self._refusal(f"{python.__name__} takes * or ** arguments", "give each a name of its own")
         return Scope(python, definition, finish)
 
     def _inlined(self, function: Any, given: Sequence[Any], finish: Any) -> Any:
@@ -225,7 +224,7 @@ class Translator(Formulas):
         for name, value in zip(scope.arguments, given, strict=True):
             direct = isinstance(value, Number) and (value.is_atom or (scope.is_formula and scope.read[name] < 2))
             direct = direct and not scope.stored[name]
-            scope.names[name] = value if direct else self.bound(name, value, "local", scope.stored[name] > 0)
+            scope.names[name] = value if direct else self._bound(name, value, "local", scope.stored[name] > 0)
         return self._run(scope.definition.body, scope)
 
     def _run(self, body: list[ast.stmt], scope: Scope) -> Any:
@@ -244,70 +243,70 @@ class Translator(Formulas):
     def _taken(self, node: ast.stmt, rest: list[ast.stmt], scope: Scope) -> Any:
         """Take one statement; a condition with a return takes the rest with it."""
         if isinstance(node, ast.Return):
-            return scope.finish(None if node.value is None else self.value(node.value, scope))
+            return scope.finish(None if node.value is None else self._value(node.value, scope))
         if isinstance(node, ast.If):
-            test = self.flag(self.value(node.test, scope))
+            test = self._flag(self._value(node.test, scope))
             forks = has_return(node) and not (self.is_function and test.value is None)
             tails = [[*branch, *(rest if forks else [])] for branch in (node.body, node.orelse)]
             if test.value is None:
                 name = f"{scope.function.__name__.strip('_')}_found"
                 runs = (lambda: self._run(tails[0], scope), lambda: self._run(tails[1], scope))
-                found = self.either(test.text, runs, name, id(node))
+                found = self._either(test.text, runs, name, id(node))
             else:
                 found = self._run(tails[0 if test.value else 1], scope)
             return _RETURNED if forks and found is None else found
         if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
-            value = self.value(node.value, scope)
+            value = self._value(node.value, scope)
             for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
                 self._set(target, value, scope)
         elif isinstance(node, ast.AugAssign):
             load = copy.copy(node.target)
             load.ctx = ast.Load()
-            self._set(node.target, self.value(ast.BinOp(load, node.op, node.value), scope), scope)
+            self._set(node.target, self._value(ast.BinOp(load, node.op, node.value), scope), scope)
         elif isinstance(node, ast.For):
             self._loop(node, scope)
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            self.value(node.value, scope)
+            self._value(node.value, scope)
         elif not isinstance(node, ast.Pass) and not is_text(node):
             word = _UNKNOWN.get(type(node).__name__, ast.unparse(node).partition("\n")[0])
-            raise self.refusal(f"it has {word}", "use assignments, if, for k in range(…) and return")
+            raise self._refusal(f"it has {word}", "use assignments, if, for k in range(…) and return")
         return None
 
     def _set(self, target: ast.expr, value: Any, scope: Scope) -> None:
         if isinstance(target, ast.Name):
-            scope.names[target.id] = self.bound(target.id, value, "local", scope.stored[target.id] > 1)
+            scope.names[target.id] = self._bound(target.id, value, "local", scope.stored[target.id] > 1)
         elif isinstance(target, (ast.Tuple, ast.List)):
             parts = list(value.fields.values()) if isinstance(value, Record) else value
             if not isinstance(value, (tuple, Record)) or len(parts) != len(target.elts):
-                raise self.refusal(f"{ast.unparse(target)} is given something else", "give a value for each name")
+                raise self._refusal(f"{ast.unparse(target)} is given something else", "give a value for each name")
             # all are found before the first is stored, as in a, b = b, a
             if any(isinstance(one, ast.Name) and scope.stored[one.id] > 1 for one in target.elts):
-                parts = [self.bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
+                parts = [self._bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
             for one, part in zip(target.elts, parts, strict=True):
                 self._set(one, part, scope)
-        elif isinstance(target, ast.Subscript) and isinstance(self.value(target.value, scope), Rows):
-            index = self.whole(self.value(target.slice, scope))
-            self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self.real(value).text))
+        elif isinstance(target, ast.Subscript) and isinstance(self._value(target.value, scope), Rows):
+            index = self._whole(self._value(target.slice, scope))
+            self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self._real(value).text))
         else:
-            raise self.refusal(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
+            raise self._refusal(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
 
     def _loop(self, node: ast.For, scope: Scope) -> None:
         call = node.iter
         if not isinstance(call, ast.Call) or ast.unparse(call.func) != "range" or node.orelse:
-            raise self.refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…)")
+            raise self._refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…)")
         if has_return(node) or not isinstance(node.target, ast.Name):
-            raise self.refusal("it returns from a loop", "keep what is found, and return behind the loop")
-        ends = [self.whole(self.value(one, scope)) for one in call.args]
+            raise self._refusal("it returns from a loop", "keep what is found, and return behind the loop")
+        ends = [self._whole(self._value(one, scope)) for one in call.args]
         if len(ends) == 3 and ends[2].value != -1:
-            raise self.refusal(f"it has {ast.unparse(call)}", "count by one, up or down")
-        i = self.local(node.target.id, "loop")
+            raise self._refusal(f"it has {ast.unparse(call)}", "count by one, up or down")
+        i = self._local(node.target.id, "loop")
         scope.names[node.target.id] = Number(ast.Name(i), "whole")
         self.unit.kinds[i] = "whole"
         inside: ast.expr | None = None
         if len(ends) < 3:  # a loop of the languages has constant ends
             largest = self._largest(ends[-1])
             if largest is None:
-                raise self.refusal(
+                raise self._refusal(
                     f"{ast.unparse(call)} has no largest end", "give the loop a constant number of passes"
                 )
             if ends[-1].value is None:
@@ -316,7 +315,7 @@ class Translator(Formulas):
             self.bounds[i] = largest - 1
         # what a pass changes is not known in the next
         self.facts = {each for each in self.facts if each.removesuffix("_known") not in self.unsteady}
-        with self.aside() as block:
+        with self._aside() as block:
             self._run(node.body, scope)
         block = [ast.If(inside, block, [])] if inside and block else block
         if block:
@@ -337,11 +336,11 @@ class Translator(Formulas):
 
     # calls
 
-    def call(self, node: ast.Call, scope: Scope) -> Any:
+    def _call(self, node: ast.Call, scope: Scope) -> Any:
         """What a call gives."""
-        function = self.value(node.func, scope)
-        given = [self.value(one, scope) for one in node.args]
-        keywords = {str(one.arg): self.value(one.value, scope) for one in node.keywords}
+        function = self._value(node.func, scope)
+        given = [self._value(one, scope) for one in node.args]
+        keywords = {str(one.arg): self._value(one.value, scope) for one in node.keywords}
         if isinstance(function, type) and hasattr(function, "_fields"):
             values = {n: constant(x) for n, x in zip(function._fields, defaults_of(function), strict=True)}
             return Record(function, values | dict(zip(function._fields, given, strict=False)) | keywords)
@@ -349,14 +348,14 @@ class Translator(Formulas):
             return constant(True)
         if function is len and isinstance(given[0], Table):
             return constant(len(given[0].values))
-        name = self.known_function(function)
+        name = self._known_function(function)
         if name:
-            return self.mathematics(name, given)
+            return self._mathematics(name, given)
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
-            raise self.refusal(f"it calls {ast.unparse(node.func)}", f"use {KNOWN} and functions written in Python")
+            raise self._refusal(f"it calls {ast.unparse(node.func)}", f"use {KNOWN} and functions written in Python")
         if id(node) in self.path:
-            raise self.refusal(f"{python.__name__} calls itself", "write it as a loop")
+            raise self._refusal(f"{python.__name__} calls itself", "write it as a loop")
         before, self.path = self.path, (*self.path, id(node))
         found = self._called(python, given, keywords)
         self.path = before
@@ -372,7 +371,7 @@ class Translator(Formulas):
         if scope.is_formula and all(
             isinstance(one, Number) and (one.is_atom or scope.read[n] < 2) for n, one in values.items()
         ):
-            with self.aside() as block:
+            with self._aside() as block:
                 found = self._inlined(python, given, lambda one: one)
             if isinstance(found, Number) and not block:
                 return found
@@ -381,7 +380,7 @@ class Translator(Formulas):
         if all(isinstance(one, (Number, Choice)) for one in numbers.values()):
             texts = [self._passed(n, one) for n, one in numbers.items()]
             kinds = tuple(one.kind for one in texts)
-            if not any(one.is_nothing or one.needs - self.facts for one in texts):
+            if not any(one.is_nothing for one in texts) and not self._needs(*texts):
                 if is_section:
                     name = self._section(python, kinds)
                     self.out.append(ast.Expr(call_of(name, ast.Name("s"), *(one.text for one in texts))))
@@ -393,64 +392,51 @@ class Translator(Formulas):
 
     def _passed(self, name: str, value: Number | Choice) -> Number:
         """A number as an argument of this name."""
-        return self.number(Choice(value.test, value.yes, value.no, name) if isinstance(value, Choice) else value)
+        return self._number(Choice(value.test, value.yes, value.no, name) if isinstance(value, Choice) else value)
 
     def _function(self, python: FunctionType, kinds: tuple[str, ...]) -> tuple[str, str, str] | None:
         """Name, kind and text of a function of the laws; ``None`` for one that cannot stand by itself."""
-        key = (python, kinds)
+        key, found = (python, kinds), set()
+
+        def finish(value: Any) -> object:
+            if isinstance(value, Choice):
+                yes, no = value.yes, value.no
+                return self._either(value.test, (lambda: finish(yes), lambda: finish(no)))
+            if not isinstance(value, Number) or self._needs(value) or value.is_nothing:
+                raise InlineError
+            number = self._real(value) if value.kind == "whole" else value
+            found.add(number.kind)
+            self.out.append(ast.Return(number.text))
+            return _RETURNED
+
         if key not in self.functions:
-            state = (self.unit, self.path, self.is_function, self.facts, self.definitions, self.out, self.where)
-            name = self.named(python.__name__.strip("_"), key, self.units[""])
-            self.enter(key, key)
-            found: set[str] = set()
-
-            def finish(value: Any) -> object:
-                if isinstance(value, Choice):
-                    blocks = []
-                    for side, truth in ((value.yes, True), (value.no, False)):
-                        with self.aside(value.test, truth) as block:
-                            finish(side)
-                        blocks.append(block)
-                    self.when(value.test, *blocks)
-                    return _RETURNED
-                if not isinstance(value, Number) or value.needs - self.facts or value.is_nothing:
-                    raise InlineError
-                number = self.real(value) if value.kind == "whole" else value
-                found.add(number.kind)
-                self.out.append(ast.Return(number.text))
-                return _RETURNED
-
-            self.functions[key] = None
-            try:
+            name = self._named(python.__name__.strip("_"), key, self.units[""])
+            self.functions[key] = made = None
+            with self._elsewhere(key, key), suppress(InlineError):
                 head = self._arguments(python, kinds, finish)
                 if len(found) == 1:
                     kind = found.pop()
-                    del self.functions[key]  # behind those that it calls
                     text = function_text(name, head, _WORDS[kind], docstring_of(python), needed(self.out, set()))
-                    self.functions[key] = (name, kind, text)
-            except InlineError:
-                pass
-            self.unit, self.path, self.is_function, self.facts, self.definitions, self.out, self.where = state
+                    made = (name, kind, text)
+            del self.functions[key]  # behind those that it calls
+            self.functions[key] = made
         return self.functions[key]
 
     def _section(self, python: FunctionType, kinds: tuple[str, ...]) -> str:
         """Name of a function that works on the array and returns nothing."""
         key = (python, kinds)
         if key not in self.sections:
-            state = (self.path, self.facts, self.definitions, self.out, self.where)
-            name = self.named(python.__name__.strip("_"), key)
-            self.enter("", key)
-            head = self._arguments(python, kinds, lambda _: _RETURNED, Rows())
-            body = needed(self.out, {"s.w"})
-            text = function_text(name, ["s: State", *head], "None", docstring_of(python), body)
-            self.path, self.facts, self.definitions, self.out, self.where = state
+            name = self._named(python.__name__.strip("_"), key)
+            with self._elsewhere("", key):
+                head = ["s: State", *self._arguments(python, kinds, lambda _: _RETURNED, Rows())]
+                text = function_text(name, head, "None", docstring_of(python), needed(self.out, {"s.w"}))
             self.sections[key] = (name, text)
         return self.sections[key][0]
 
     def _arguments(self, python: FunctionType, kinds: tuple[str, ...], finish: Any, *rows: Rows) -> list[str]:
         """Translate a function with arguments of some kinds.  Returns how they are declared."""
         names = self._scope(python, None).arguments[len(rows) :]
-        head = {self.local(n, "argument"): kind for n, kind in zip(names, kinds, strict=True)}
+        head = {self._local(n, "argument"): kind for n, kind in zip(names, kinds, strict=True)}
         self.unit.kinds |= head
         self._inlined(python, [*rows, *(Number(ast.Name(n), kind) for n, kind in head.items())], finish)
         return [f"{n}: {_WORDS[kind]}" for n, kind in head.items()]
@@ -458,7 +444,7 @@ class Translator(Formulas):
     def _written(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
         """The texts, without constants and fields that nothing reads."""
         python = getattr(self.step, "py_func", self.step)
-        name = self.named(self.rule, "rule")
+        name = self._named(self.rule, "rule")
         arguments = [n for n in ("T_sup", "T_set", "m_a") if n in read_in(body)]
         head = ["s: State", *(f"{n}: float" for n in arguments)]
         sections = [*(text for _, text in self.sections.values())]
@@ -484,7 +470,3 @@ class Translator(Formulas):
             fields, start, functions, sections, f"{name}({', '.join(['s', *arguments])})",
             frozenset({*arguments, *(["T_seen"] if "T_seen" in read else [])}),
         )  # fmt: skip
-
-
-def _reads(block: list[ast.stmt], target: str) -> bool:
-    return bool({target, f"{target}_known"} & read_in(block))

@@ -6,7 +6,7 @@ import ast
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import FunctionType
 from typing import Any
 
@@ -37,11 +37,6 @@ class Number:
         text = self.text.operand if isinstance(self.text, ast.UnaryOp) else self.text
         return isinstance(text, (ast.Constant, ast.Name, ast.Attribute))
 
-    @property
-    def is_literal(self) -> bool:
-        """Whether it is written as a number."""
-        return self.value is not None and not any(isinstance(n, ast.Name) for n in ast.walk(self.text))
-
 
 @dataclass(frozen=True, eq=False)
 class Choice:
@@ -51,12 +46,13 @@ class Choice:
     yes: Number | Choice
     no: Number | Choice
     name: str = "value"
+    kind = "choice"
+    is_atom = False
 
     @property
-    def key(self) -> str:
-        """What it chooses from, as text."""
-        sides = [one.key if isinstance(one, Choice) else ast.unparse(one.text) for one in (self.yes, self.no)]
-        return f"{ast.unparse(self.test)} ? {' : '.join(sides)}"
+    def text(self) -> ast.expr:
+        """The conditional expression, which the languages do not have."""
+        return ast.IfExp(self.test, self.yes.text, self.no.text)
 
 
 @dataclass(frozen=True)
@@ -79,40 +75,24 @@ class Rows:
     """The array of an estimator, ``s.w``."""
 
 
-@dataclass
 class Scope:
     """One call of a function.
 
-    names: what they stand for.  finish: what is done with what the function returns.  stored, read: how often a name
-    is.
+    names: what they stand for.  finish: what is done with what it returns.  stored, read: how often a name is.
     """
 
-    function: FunctionType
-    definition: ast.FunctionDef
-    finish: Callable[[Any], Any]
-    names: dict[str, Any] = field(default_factory=dict)
-    stored: Counter[str] = field(default_factory=Counter)
-    read: Counter[str] = field(default_factory=Counter)
-
-    def __post_init__(self) -> None:
-        for node in ast.walk(self.definition):
-            if isinstance(node, ast.Name):
-                (self.read if isinstance(node.ctx, ast.Load) else self.stored)[node.id] += 1
-            if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
-                self.stored[node.target.id] += 1
-        for name in self.arguments:
-            self.stored[name] += 1 if self.stored[name] else 0
-
-    @property
-    def arguments(self) -> list[str]:
-        """Names of the arguments."""
-        return [one.arg for one in (*self.definition.args.posonlyargs, *self.definition.args.args)]
-
-    @property
-    def is_formula(self) -> bool:
-        """Whether the function does nothing but return something."""
-        body = [node for node in self.definition.body if not is_text(node)]
-        return len(body) == 1 and isinstance(body[0], ast.Return)
+    def __init__(self, function: FunctionType, definition: ast.FunctionDef, finish: Callable[[Any], Any]) -> None:
+        self.function, self.definition, self.finish = function, definition, finish
+        self.names: dict[str, Any] = {}
+        self.arguments = [one.arg for one in (*definition.args.posonlyargs, *definition.args.args)]
+        nodes = list(ast.walk(definition))
+        nodes += [one.target for one in nodes if isinstance(one, ast.AugAssign)]
+        names = [one for one in nodes if isinstance(one, ast.Name)]
+        self.read = Counter(one.id for one in names if isinstance(one.ctx, ast.Load))
+        self.stored = Counter(one.id for one in names if not isinstance(one.ctx, ast.Load))
+        self.stored.update(set(self.arguments) & set(self.stored))
+        body = [node for node in definition.body if not is_text(node)]
+        self.is_formula = len(body) == 1 and isinstance(body[0], ast.Return)
 
 
 def is_text(node: ast.stmt) -> bool:
@@ -122,16 +102,13 @@ def is_text(node: ast.stmt) -> bool:
 
 def constant(value: Any) -> Number:
     """A number as it is, without a name."""
-    if isinstance(value, (bool, int)):
-        kind = "flag" if isinstance(value, bool) else "whole"
-        text: ast.expr = ast.Constant(abs(value) if kind == "whole" else value)
-    else:
-        value, kind = float(value), "real"
-        value = math.copysign(LARGEST, value) if math.isinf(value) else value
-        text = ast.Constant(0.0 if math.isnan(value) else abs(value))
-    if kind != "flag" and math.copysign(1.0, value) < 0.0:
-        text = ast.UnaryOp(ast.USub(), text)
-    return Number(text, kind, value)
+    kind = {bool: "flag", int: "whole"}.get(type(value), "real")
+    if kind == "flag":
+        return Number(ast.Constant(value), kind, value)
+    if kind == "real":
+        value = math.copysign(LARGEST, value) if math.isinf(value) else float(value)
+    text: ast.expr = ast.Constant(0.0 if math.isnan(value) else abs(value))
+    return Number(ast.UnaryOp(ast.USub(), text) if math.copysign(1.0, value) < 0.0 else text, kind, value)
 
 
 def expression(text: str) -> ast.expr:
