@@ -223,9 +223,7 @@ class Formulas(Variables):
         if isinstance(sign, (ast.FloorDiv, ast.Mod)):
             is_whole = left.kind == right.kind == "whole" and isinstance(sign, ast.FloorDiv)
             ratio = self._arithmetic(ast.Div(), left, right)
-            floor = (
-                Number(call_of("int", ratio.text), "whole") if is_whole else self._mathematics("math.floor", [ratio])
-            )
+            floor = self._mathematics("int" if is_whole else "math.floor", [ratio])
             if isinstance(sign, ast.FloorDiv):
                 return floor
             return self._arithmetic(ast.Sub(), left, self._arithmetic(ast.Mult(), floor, right))
@@ -242,9 +240,8 @@ class Formulas(Variables):
             with np.errstate(all="ignore"):
                 value = _SIGNS[type(sign)](np.float64(left.value), np.float64(right.value)).item()
             value = int(value) if left.kind == "whole" else value
-            if not math.isfinite(value) or (
-                isinstance(left.text, ast.Constant) and isinstance(right.text, ast.Constant)
-            ):
+            are_written = isinstance(left.text, ast.Constant) and isinstance(right.text, ast.Constant)
+            if are_written or not math.isfinite(value):
                 return constant(value)
         return Number(ast.BinOp(left.text, sign, right.text), left.kind, value, left.needs | right.needs)
 
@@ -283,8 +280,8 @@ class Formulas(Variables):
         if all(one.value is not None for one in numbers):
             value = _FUNCTIONS[name][0](*(one.value for one in numbers))
             value = value if kind == "whole" else float(value)
-        needs = frozenset().union(*(one.needs for one in numbers))
-        return Number(call_of(name, *(one.text for one in numbers)), kind, value, needs)
+        both = frozenset().union(*(one.needs for one in numbers))
+        return Number(call_of(name, *(one.text for one in numbers)), kind, value, both)
 
 
 def _is_flag(value: Any) -> bool:
