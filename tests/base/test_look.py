@@ -11,7 +11,6 @@ import pytest
 from fastcoil.base.errors import InputError, StorageError
 from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.cli.logs import require_writable
-from fastcoil.deliver.report.regenerate import _make_folder
 from fastcoil.loops.plan import check_disk
 from fastcoil.study.file.own_code import find_source
 
@@ -40,7 +39,6 @@ def closed(tmp_path, monkeypatch):
         lambda path: require_writable(path / "valve.toml"),
         lambda path: check_disk(1, path),
         lambda path: find_source("reduce", "mine:f", path),
-        _make_folder,
     ],
 )
 def test_what_is_in_a_closed_folder_cannot_be_seen(closed, ask):

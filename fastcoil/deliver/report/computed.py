@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,23 +12,14 @@ import xarray as xr
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import package_version
 from fastcoil.base.text import NONE
-from fastcoil.deliver.report.page import Block, Code, Facts, Section, Table, Words, setting
+from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
 from fastcoil.deliver.tables import escaped
-from fastcoil.loops.labels import is_parameter, quantity, quantity_of
+from fastcoil.loops.labels import is_parameter, quantity_of
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.study.file.tables import parse_toml
 
-_SERIES = {
-    "m_a": "air flow", "T_a_in": "entering air", "W_a_in": "its humidity ratio", "T_w_in": "entering water",
-    "T_set": "set-point",
-}  # fmt: skip
-"""Names of the series that every boundary has."""
-_CARRIED = (
-    "each begins as the one before ended, with coil, valve, controller and estimator (carry_over).  Intervals over "
-    "days take them as independent, which days in a row are not quite"
-)
 _FEW = 6  # labels that are listed one by one
 
 
@@ -43,27 +33,29 @@ def study_tables(ds: xr.Dataset) -> Mapping[str, Any]:
 
 def how(ds: xr.Dataset) -> Section:
     """The section on how a study was computed."""
-    tables = study_tables(ds)
-    constants = _mapping(ds.attrs.get("parameters"))
-    loop = tables.get("loop")
+    constants, loop = _mapping(ds.attrs.get("parameters")), study_tables(ds).get("loop")
     preset = str(loop.get("preset", "paper_like")) if isinstance(loop, dict) else "paper_like"
-    substeps = constants.get("substeps", 1)
+    substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
     sizes = " × ".join(f"{size:,} {dim}" for dim, size in ds["status"].sizes.items())
-    facts = [
+    spread = "swept" if noise is None else f"standard deviation {setting('noise_std', noise)}" if noise else "none"
+    pairs = [
         ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "
                   "Braun (2016); every scenario is a day of the loop"),
-        ("Control volumes of the coil", str(constants.get("n_volumes", "see the sweep"))),
+        ("Control volumes of the coil", str(constants.get("n_volumes", "swept"))),
         ("Time step", "1 s" if substeps == 1 else f"1 s, the coil in {substeps} substeps"),
         ("Preset", f"{preset}: {PRESETS[preset].text}. {NOT_THE_FIT}" if preset in PRESETS else preset),
         ("Scenarios", f"{ds['status'].size:,} = {sizes}" if sizes else "1"),
-        ("Days", _days(ds, tables)),
-        *([("Between days", _CARRIED)] if ds.attrs.get("carry_over") else []),
+        ("Days", str(ds.attrs.get("boundary", NONE))),
         ("Left out of every metric", f"the first {ds.attrs.get('warm_up_s', NONE)} s"),
-        ("Noise", _noise(ds, constants)),
+        ("Noise", f"{spread}; seed {ds.attrs.get('seed', NONE)}, {n} realisation{'s' if n > 1 else ''}"),
     ]  # fmt: skip
-    blocks: list[Block] = [Facts(facts)]
-    blocks += [table for table in (_swept(ds), changed(constants, preset)) if table.rows]
-    return Section("How it was computed", blocks)
+    if ds.attrs.get("carry_over"):
+        pairs.append((
+            "Between days", "each begins as the one before ended (carry_over).  Intervals over days take them as "
+            "independent, which days in a row are not quite",
+        ))  # fmt: skip
+    tables = [table for table in (_swept(ds), changed(constants, preset)) if table.rows]
+    return Section("How it was computed", [facts(*pairs), *tables])
 
 
 def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
@@ -81,23 +73,21 @@ def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") 
 def versions(ds: xr.Dataset) -> Section:
     """What made the results, and their hashes."""
     packages = _mapping(ds.attrs.get("package_versions"))
-    made = [
-        ("fastcoil", str(ds.attrs.get("fastcoil_version", "unknown"))),
-        ("Python", str(ds.attrs.get("python_version", "unknown"))),
+    names = {"fastcoil": "fastcoil_version", "Python": "python_version", "Machine": "platform",
+             "Run on": "date_created"}  # fmt: skip
+    hashes = [f"{name}_sha256" for name in ("content", "study", "model", "boundary")]
+    return Section("Versions and hashes", [facts(
+        *((words, str(ds.attrs.get(name, "unknown"))) for words, name in names.items()),
         ("Packages", ", ".join(f"{name} {number}" for name, number in packages.items()) or "unknown"),
-        ("Machine", str(ds.attrs.get("platform", "unknown"))),
-        ("Run on", str(ds.attrs.get("date_created", "unknown"))),
-    ]
-    hashes = [(f"{name}_sha256", str(ds.attrs[f"{name}_sha256"])) for name in ("content", "study", "model", "boundary")
-              if f"{name}_sha256" in ds.attrs]  # fmt: skip
-    return Section("Versions and hashes", [Facts(made + hashes)])
+        *((name, str(ds.attrs[name])) for name in hashes if name in ds.attrs),
+    )])  # fmt: skip
 
 
 def here() -> Section:
     """The versions of this installation, for a result that was not read from a file."""
     found = [f"{package} {number}" for package, number in package_versions().items() if number != ABSENT]
-    facts = [("fastcoil", package_version()), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
-    return Section("Versions", [Facts(facts)])
+    pairs = [("fastcoil", package_version()), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
+    return Section("Versions", [facts(*pairs)])
 
 
 def question(ds: xr.Dataset) -> str:
@@ -131,44 +121,19 @@ def _swept(ds: xr.Dataset) -> Table:
     """What differs between scenarios: a row for each swept or drawn parameter, and for each dim of names."""
     rows = []
     for name, values in ds.coords.items():
-        dims = [str(d) for d in values.dims]
-        if not dims or not set(dims) <= set(map(str, ds["status"].dims)) or values.dtype.kind == "M":
-            continue
-        label = str(name)
-        if label in ("sample", "day", "replicate"):  # their labels are no values
+        label, dims = str(name), [str(d) for d in values.dims]
+        is_chance = label in ("sample", "day", "replicate")  # their labels are no values
+        if is_chance or not dims or not {*dims} <= {*map(str, ds["status"].dims)} or values.dtype.kind == "M":
             continue
         size = " × ".join(f"{ds.sizes[d]:,}" for d in dims)
         along = f"{size} values" if dims == [label] else f"{' × '.join(dims)} ({size})"
         if values.dtype.kind in "if":
-            rows.append([label, quantity_of(ds, label).text, _range(ds, label), along])
+            listed = _range(ds, label)
         else:
             words = sorted({str(v) for v in values.values.ravel()})
             listed = ", ".join(words[:_FEW]) + (", …" if len(words) > _FEW else "")
-            rows.append([label, quantity(label).text, listed, along])
+        rows.append([label, quantity_of(ds, label).text, listed, along])
     return Table("What differs between scenarios", ["name", "what", "values", "along"], rows)
-
-
-def _days(ds: xr.Dataset, tables: Mapping[str, Any]) -> str:
-    table = tables.get("boundary")
-    given = {"kind": "paper_day", "seed": 1} if not isinstance(table, dict) else {"kind": "paper_day"} | table
-    words = ", ".join(f"{name} {_short(value)}" for name, value in given.items())
-    extent = str(ds.attrs.get("boundary", "")).replace(" x ", " × ").replace("degC", "°C").replace("kg s-1", "kg/s")
-    return f"{words}. {re.sub('|'.join(_SERIES), lambda found: _SERIES[found[0]], extent)}"
-
-
-def _short(value: object) -> str:
-    if isinstance(value, list):
-        listed = ", ".join(map(str, value[:_FEW]))
-        return f"[{listed}, … {len(value):,} in all]" if len(value) > _FEW else f"[{listed}]"
-    return str(value)
-
-
-def _noise(ds: xr.Dataset, constants: Mapping[str, Any]) -> str:
-    strength = constants.get("noise_std")
-    said = "none" if strength == 0 else "swept" if strength is None else "standard deviation "
-    said += setting("noise_std", strength) if strength else ""
-    n = ds.sizes.get("replicate", 1)
-    return f"{said}; seed {ds.attrs.get('seed', NONE)}, {n} realisation{'s' if n > 1 else ''}"
 
 
 def _mapping(text: object) -> Mapping[str, Any]:

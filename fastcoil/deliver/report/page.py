@@ -110,14 +110,6 @@ class Words:
 
 
 @dataclass(frozen=True)
-class Facts:
-    """Names and values."""
-
-    pairs: Sequence[tuple[str, str]]
-    kind: ClassVar[str] = "facts"
-
-
-@dataclass(frozen=True)
 class Table:
     """Cells as they are shown; the first column names the row.  note: what is left out, or means what."""
 
@@ -130,19 +122,25 @@ class Table:
     @property
     def sides(self) -> list[str]:
         """A class for each column: numbers stand to the right, words to the left."""
-        columns = zip(*self.rows, strict=True)
+        columns = list(zip(*self.rows, strict=True)) or [()] * len(self.head)
         return [
             "words" if any(cell[:1].isalpha() for cell in column if cell not in _BESIDE) else "" for column in columns
         ]
 
 
+def facts(*pairs: tuple[str, str]) -> Table:
+    """Names and values, a row each."""
+    return Table("", (), pairs)
+
+
 @dataclass(frozen=True)
 class Picture:
-    """A PNG, with what its dots, lines and bands mean, and ``alt``: a few words for who cannot see it."""
+    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it; file: where it lies."""
 
     png: bytes = field(repr=False)
     caption: str
     alt: str
+    file: str = ""
     kind: ClassVar[str] = "picture"
 
     @property
@@ -163,7 +161,7 @@ class Code:
         return self.text.rstrip("\n").replace("\r\n", "\n").split("\n")
 
 
-Block = Words | Facts | Table | Picture | Code
+Block = Words | Table | Picture | Code
 
 
 @dataclass(frozen=True)
@@ -201,10 +199,30 @@ class Page:
         sections = [section for section in self.sections if section.blocks]
         return made.get_template("page.html").render(page=self, sections=sections, version=package_version())
 
+    def markdown(self) -> str:
+        """The whole page in Markdown; its pictures are the files beside it."""
+        parts = [f"# {self.title}", self.question, *self.warnings, *self.answer]
+        for section in self.sections:
+            parts += [f"## {section.title}", *map(_in_markdown, section.blocks)]
+        return "\n\n".join(parts) + "\n"
+
     def write(self, path: Path) -> Path:
         """Write the file, whole or not at all."""
         commit(path, self.html().encode())
         return path
+
+
+def _in_markdown(block: Block) -> str:
+    if isinstance(block, Words):
+        return "\n".join(f"* {line}" for line in block.lines) if block.bullets else "\n\n".join(block.lines)
+    if isinstance(block, Picture):
+        return f"![{block.alt}]({block.file})\n\n{block.caption}"
+    if isinstance(block, Code):
+        return "\n".join(["```text", *block.lines, "```"])
+    if not block.head:
+        return "\n".join(f"* {name}: {value}" for name, value in block.rows)
+    rows = "\n".join("| " + " | ".join(row) + " |" for row in (block.head, ["---"] * len(block.head), *block.rows))
+    return "\n\n".join(filter(None, [f"**{block.caption}**", rows, block.note]))
 
 
 def _shown(value: Any) -> Any:

@@ -16,14 +16,13 @@ from fastcoil.deliver.report.computed import changed, cited, here
 from fastcoil.deliver.report.page import (
     Block,
     Code,
-    Facts,
     Page,
+    Picture,
     Section,
     Table,
     Words,
-    change,
+    facts,
     number,
-    picked,
     picture,
     setting,
     share,
@@ -38,23 +37,29 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
     from fastcoil.design.explain import Explanation
-    from fastcoil.design.measures import Limit
     from fastcoil.design.tuning_result import Tuning
     from fastcoil.measured.diagnosis import Diagnosis
     from fastcoil.measured.fit import Fit
 
 
-def _how(facts: Sequence[tuple[str, str]], command: str, *tables: Table) -> Section:
-    return Section("How it was computed", [Facts(facts), *(table for table in tables if table.rows), Code(command)])
-
-
-def _for_a_study(name: str, takes: str, toml: str) -> Section:
-    words = f'Save this as {name}.toml; in a study file, [loop] include = ["{name}.toml"] takes {takes}.'
-    return Section("For a study", [Words([words]), Code(toml)])
-
-
-def _to_mind(lines: Sequence[str]) -> Section:
-    return Section("What to mind", [Words(list(lines), bullets=True)] if lines else [])
+def _sections(
+    drawn: Picture,
+    tables: Sequence[Section],
+    notes: Sequence[str],
+    computed: Sequence[Block],
+    study: Sequence[str] = (),
+) -> list[Section]:
+    """All below the answer.  study: what a study takes of the result, in words and as TOML."""
+    own = 'Save this as {0}.toml; in a study file, [loop] include = ["{0}.toml"] takes {1}.'
+    return [
+        Section("In one figure", [drawn]),
+        *tables,
+        Section("What to mind", [Words(notes, bullets=True)] if notes else []),
+        Section("How it was computed", computed),
+        Section("For a study", [Words([own.format(*study)]), Code(study[-1])] if study else []),
+        here(),
+        cited(),
+    ]
 
 
 # --- a fit ------------------------------------------------------------------------------------------------------------
@@ -80,67 +85,57 @@ def fit_page(fit: Fit) -> Page:
     """The report of a fit."""
     kind = fit.kind
     known_together = [line for line in fit.summary() if " are known only together " in line]
-    log = f"{fit.source}: {fit.n_used:,} samples compared, worth {fit.n_effective:,.0f} independent ones"
     method = "least squares of the model behind the logged inputs; intervals allow for correlated errors"
     if isinstance(fit, LoopFit):
         method = "the emulator behind the logged command, with each size of the gap"
-    others = " --loop PRESET" if kind == "loop" else ""
-    command = f"fastcoil fit {kind} LOG.csv{others} -o {kind}.toml --report {kind}.html"
-    sections = [
-        Section("Measured and modelled", [picture(fit.plot(), _CAPTIONS[kind], f"Measured and modelled {kind}")]),
-        Section("In numbers", [_fitted_parameters(fit), _errors(fit)]),
-        _to_mind([*known_together, *fit.notes]),
-        _how([("Log", log), ("Method", method)], command),
-        _for_a_study(kind, "it", fit.to_toml()),
-        here(),
-        cited(),
-    ]
-    title = f"{kind.capitalize()} fitted to {fit.source}"
+    log = f"{fit.source}: {fit.n_used:,} samples compared, worth {fit.n_effective:,.0f} independent ones"
+    command = f"fastcoil fit {kind} LOG.csv{' --loop PRESET' * (kind == 'loop')} -o {kind}.toml --report {kind}.html"
+    errors = [[name.replace("_", " "), f"{number(value, 4)} {fit.unit}"] for name, value in fit.rmse.items()]
+    note = "Fit: the part that the parameters were fitted to.  Validation: a part that they never saw."
+    numbers = [_fitted_parameters(fit), Table("Error of the model, RMS", ["part of the log", "error"], errors, note)]
+    sections = _sections(
+        picture(fit.plot(), _CAPTIONS[kind], f"Measured and modelled {kind}"), [Section("In numbers", numbers)],
+        [*known_together, *fit.notes], [facts(("Log", log), ("Method", method)), Code(command)],
+        (kind, "it", fit.to_toml()),
+    )  # fmt: skip
     warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
-    answer = [*_size_of_gap(fit), _held_back(fit)]
-    return Page("Fit", title, _QUESTIONS[kind], warnings, answer, sections, content_sha256(fit.residuals))
+    title = f"{kind.capitalize()} fitted to {fit.source}"
+    return Page("Fit", title, _QUESTIONS[kind], warnings, _answer_of(fit), sections, content_sha256(fit.residuals))
 
 
-def _size_of_gap(fit: Fit) -> list[str]:
-    if fit.kind == "coil":
-        return []
-    if "backlash" not in fit.parameters:
-        return [f"The log does not tell the size of the gap: {fit.held.get('backlash', 'see what to mind')}."]
-    low, high = (f"{number(100 * bound)}" for bound in fit.intervals["backlash"])
-    return [f"The gap is {number(100 * fit.parameters['backlash'])} % of the stroke (95 %: {low} to {high} %)."]
-
-
-def _held_back(fit: Fit) -> str:
-    """The error of the model where it was fitted, where it was not, and without the gap."""
-    rmse, unit = fit.rmse, fit.unit
+def _answer_of(fit: Fit) -> list[str]:
+    """The size of the gap, and the error of the model where it was fitted, where it was not, and without the gap."""
+    rmse, unit, lines = fit.rmse, fit.unit, []
+    if "backlash" in fit.parameters and "backlash" in fit.intervals:
+        low, high = (f"{number(100 * bound)}" for bound in fit.intervals["backlash"])
+        lines.append(
+            f"The gap is {number(100 * fit.parameters['backlash'])} % of the stroke (95 %: {low} to {high} %)."
+        )
+    elif fit.kind != "coil":
+        why = fit.held.get("backlash", "see what to mind")
+        lines.append(f"The log does not identify the size of the gap: {why}.")
     if VALIDATION not in rmse:
-        return f"The model errs by {number(rmse[FITTING])} {unit} (RMS).  Nothing was held back to check it."
+        return [*lines, f"The model errs by {number(rmse[FITTING])} {unit} (RMS).  Nothing was held back to check it."]
     plain = rmse.get(f"{VALIDATION}_without_backlash")
     without = "" if plain is None else f"; without a gap it would be {number(plain)} {unit}"
-    return (
+    lines.append(
         f"On the part of the log that it never saw, the model errs by {number(rmse[VALIDATION])} {unit} (RMS){without}."
         f"  On the part that it was fitted to, by {number(rmse[FITTING])} {unit}."
     )
+    return lines
 
 
 def _fitted_parameters(fit: Fit) -> Table:
     rows = []
     for name, value in fit.parameters.items():
-        shown = quantity(name)
-        cells = [f"{number(value * shown.factor, 4)} {shown.unit}".rstrip()]
+        of = quantity(name)
+        cells = [NONE, fit.held.get(name, "")]
         if name in fit.intervals:
-            low, high = (f"{number(bound * shown.factor, 4)}" for bound in fit.intervals[name])
-            cells += [number(fit.standard_errors[name] * shown.factor, 2), f"{low} to {high}"]
-        else:
-            cells += [NONE, fit.held[name]]
-        rows.append([name, *cells, PARAMETERS[name].text])
+            low, high = (f"{number(bound * of.factor, 4)}" for bound in fit.intervals[name])
+            cells = [number(fit.standard_errors[name] * of.factor, 2), f"{low} to {high}"]
+        value_cell = f"{number(value * of.factor, 4)} {of.unit}".rstrip()
+        rows.append([name, value_cell, *cells, PARAMETERS[name].text])
     return Table("Parameters", ["name", "value", "standard error", "95 % interval", "meaning"], rows)
-
-
-def _errors(fit: Fit) -> Table:
-    rows = [[name.replace("_", " "), f"{number(value, 4)} {fit.unit}"] for name, value in fit.rmse.items()]
-    note = "Fit: the part that the parameters were fitted to.  Validation: a part that they never saw."
-    return Table("Error of the model, RMS", ["part of the log", "error"], rows, note)
 
 
 # --- a diagnosis ------------------------------------------------------------------------------------------------------
@@ -158,28 +153,23 @@ def diagnosis_page(d: Diagnosis) -> Page:
     """The report of a diagnosis."""
     low, high = d.interval
     gap = f"each size is tried on the log; 95 % interval {100 * low:.3g} to {100 * high:.3g} % of the stroke"
-    facts = [
+    computed = facts(
         ("Log", f"{d.source}: {d.signals.attrs['hours']:.1f} h, a sample every {d.signals.attrs['interval']:g} s"),
         ("Gap", gap if np.isfinite(low) else "no size could be tried"),
         ("Cause", f"{d.cause}: {d.because}" if d.because else d.cause),
         ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller "
                         "recovered from the same log"),
-    ]  # fmt: skip
-    drawn = picture(d.plot(), _ONE_PAGE, "Signals, gap, probability, predictions and indices")
-    sections = [
-        Section("The diagnosis on one page", [drawn]),
-        Section("What would help", [_predictions(d)]),
-        Section("Indices of the loop", [_indices(d.indices)]),
-        _to_mind(d.notes),
-        _how(facts, "fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html"),
-        _for_a_study("diagnosis", "the gap", d.to_toml()),
-        here(),
-        cited(),
-    ]
-    warnings = [] if d.identified else [f"The log does not tell the size of the gap: {d.reason}"]
+    )  # fmt: skip
+    sections = _sections(
+        picture(d.plot(), _ONE_PAGE, "Signals, gap, probability, predictions and indices"),
+        [Section("What would help", [_predictions(d)]), Section("Indices of the loop", [_indices(d.indices)])],
+        d.notes, [computed, Code("fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html")],
+        ("diagnosis", "the gap", d.to_toml()),
+    )  # fmt: skip
+    warnings = [] if d.identified else [f"The log does not identify the size of the gap: {d.reason}"]
     answer = [line for line in d.summary()[1:] if not line.startswith("Note: ")]
-    title = f"Is it the valve? {d.source}"
     question = "How large is the gap of this valve, does its loop hunt, and is the valve to blame?"
+    title = f"Is it the valve? {d.source}"
     return Page("Diagnosis", title, question, warnings, answer, sections, content_sha256(d.signals))
 
 
@@ -196,7 +186,7 @@ def _predictions(d: Diagnosis) -> Block:
     head = ["", "RMS error", "motor, strokes a day", "stem, turns a day", "hunts", "doubt"]
     if not any(row[-1] for row in rows):
         head, rows = head[:-1], [row[:-1] for row in rows]
-    note = "What the loop that was fitted to this log does on the day of the log.  A dash: cannot be told."
+    note = "What the loop that was fitted to this log does on the day of the log.  A dash: unknown."
     return Table("With another valve, gain or controller", head, rows, note)
 
 
@@ -211,7 +201,7 @@ def _indices(ds: xr.Dataset) -> Table:
         else:
             text = f"{number(size)} {'a day' if unit == 'd-1' else unit_in_words(unit)}".rstrip()
         rows.append([str(value.attrs.get("long_name", quantity(str(name)).text)), text])
-    return Table("Single numbers", ["index", "value"], rows, "A dash: it cannot be told from this log.")
+    return Table("Single numbers", ["index", "value"], rows, "A dash: this log does not show it.")
 
 
 # --- a tuning ---------------------------------------------------------------------------------------------------------
@@ -226,49 +216,35 @@ _CHOICE = (
 
 def tuning_page(t: Tuning) -> Page:
     """The report of a tuning."""
-    facts = [
+    limits = []
+    for each in t.limits:
+        words = t.held_out[each.measure.name].attrs["long_name"]
+        limits.append(f"{words}: {'as now' if each.as_now else each.measure.shown(each.most)}")
+    computed = facts(
         ("Sought", f"lowest {next(iter(t.held_out.data_vars.values())).attrs['long_name']}"),
-        ("Limits", "; ".join(_limit(t, each) for each in t.limits) or "none"),
+        ("Limits", "; ".join(limits) or "none"),
         ("Tried", f"{t.evaluations.sizes['evaluation']:,} tunings"),
         ("Searched on", str(t.trained.attrs["group"])),
         ("Held out", str(t.held_out.attrs["group"])),
-    ]
-    sections = [
-        Section("The choice", [picture(t.plot(), _CHOICE, "Error against motor travel of the tunings")]),
-        Section("Now and then", [_measures("Held out", t.held_out, t), _measures("Searched on", t.trained, t)]),
-        Section("The front", [_front(t.front)]),
-        _how(facts, "fastcoil tune STUDY.toml -o results/tuning --report tuning.html"),
-        _for_a_study("tuning", "the settings", t.to_toml()),
-        here(),
-        cited(),
-    ]
+    )
+    tables = []
+    for title, ds in (("Held out", t.held_out), ("Searched on", t.trained)):
+        head, *rows = table_rows(ds, t.limits)
+        note = "In brackets: 95 % interval over valves and days, by bootstrap."
+        tables.append(Table(f"{title}: {ds.attrs['group']}", ["measure", *head[1:]], rows, note))
+    sections = _sections(
+        picture(t.plot(), _CHOICE, "Error against motor travel of the tunings"),
+        [Section("Now and then", tables)], (),
+        [computed, Code("fastcoil tune STUDY.toml -o results/tuning --report tuning.html")],
+        ("tuning", "the settings", t.to_toml()),
+    )  # fmt: skip
     broken = "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
     warnings = [*([] if t.meets_limits else [broken]), *t.notes]
-    lines = t.summary()
-    answer = [lines[0], next(line for line in lines if line.startswith("Held out, "))]
+    first, *lines = t.summary()
+    answer = [first, next(line for line in lines if line.startswith("Held out, "))]
     title = "Tuning of " + ", ".join(quantity(name).text for name in t.parameters)
     question = "Which settings suit all these valves and days, and what do they do on valves and days not searched on?"
     return Page("Tuning", title, question, warnings, answer, sections, content_sha256(t.evaluations))
-
-
-def _limit(t: Tuning, each: Limit) -> str:
-    words = t.held_out[each.measure.name].attrs["long_name"]
-    return f"{words}: {'as now' if each.as_now else each.measure.shown(each.most)}"
-
-
-def _measures(title: str, ds: xr.Dataset, t: Tuning) -> Table:
-    head, *rows = table_rows(ds, t.limits)
-    note = "In brackets: 95 % interval over valves and days, by bootstrap."
-    return Table(f"{title}: {ds.attrs['group']}", ["measure", *head[1:]], rows, note)
-
-
-def _front(front: xr.Dataset) -> Table:
-    names = [str(n) for n, v in {**front.coords, **front.data_vars}.items() if v.dims == ("point",) and n != "point"]
-    shown = picked(front.sizes["point"], most=15)
-    rows = [[str(k + 1), *(number(float(front[name][k])) for name in names)] for k in shown]
-    head = [quantity(n).axis if n in PARAMETERS else str(front[n].attrs.get("long_name", n)) for n in names]
-    note = "" if len(rows) == front.sizes["point"] else f"{len(rows)} of {front.sizes['point']} are shown."
-    return Table("Tunings that no other beats in both error and travel", ["", *head], rows, note)
 
 
 # --- an explanation ---------------------------------------------------------------------------------------------------
@@ -284,51 +260,20 @@ _ADVICE = ("Do this", "If the error matters", "Leave it", "None of these")  # ho
 
 def explanation_page(e: Explanation) -> Page:
     """The report of an explanation."""
-    first, *middle, last = "\n".join(e.text.splitlines()).split("\n\n")
-    advice = last.split("\n")[2 + e.cures.sizes["cure"] :]
-    do = [line for line in advice if line.startswith(_ADVICE)]
     loop, boundary = e._found.loop, e._found.boundary
-    facts = [
+    computed: list[Block] = [facts(
         ("Day", boundary.describe()),
         ("Predicted by", "the describing function of the gap in a linear model of the loop at each operating point"),
         ("Simulated with", "a time step of 1 s, on this day, with each cure"),
-    ]
-    phase = [] if e.phase is None else [_phase(e.phase, middle[0].split("\n")[0] if middle else "")]
-    caption = f"S{_DAY}" if e.phase is None else _THREE_PANELS
+    )]  # fmt: skip
     own = changed(loop.constants, "paper_like", "default")
-    sections = [
-        Section("The loop in one figure", [picture(e.plot(), caption, "Margin, gains and the day")]),
-        Section("What can be done", [_cures(e.cures), Words([line for line in advice if line not in do])]),
-        Section("Where the phase goes", phase),
-        _how(facts, "fastcoil explain TARGET --report explanation.html", own),
-        here(),
-        cited(),
-    ]
+    computed += [own] * bool(own.rows) + [Code("fastcoil explain TARGET --report explanation.html")]
+    sections = _sections(
+        picture(e.plot(), f"S{_DAY}" if e.phase is None else _THREE_PANELS, "Margin, gains and the day"),
+        [Section("In full", [Code(e.text)])], (), computed,
+    )  # fmt: skip
     title = "Will this loop hunt? " + ", ".join(f"{name} = {setting(name, loop[name])}" for name in ("kp", "ti"))
     question = "Will it hunt on this day, why, what would cure it, and what does that cost?"
-    answer = [*first.split("\n"), *do]
+    lines = e.text.splitlines()
+    answer = [*lines[: lines.index("")], *(line for line in lines if line.startswith(_ADVICE))]
     return Page("Explanation", title, question, list(e.doubts), answer, sections, content_sha256(e.cures))
-
-
-def _cures(ds: xr.Dataset) -> Table:
-    rows = []
-    error, travel, margin, swing = (ds[n].values for n in ("rmse", "motor_travel", "margin", "hunting_swing"))
-    for k, words in enumerate(ds["words"].values):
-        rows.append([
-            str(words), number(margin[k], 2), f"{number(error[k])} K",
-            change(error[k] / error[0] - 1.0) if k else "", f"{number(swing[k], 2)} K", number(travel[k]),
-            f"× {number(travel[k] / travel[0], 2)}" if k and travel[0] > 0.0 else "",
-            str(ds["verdict"].values[k]) if k else "",
-        ])  # fmt: skip
-    head = ["", "margin", "RMS error", "change", "swing", "motor travel", "change", "verdict"]
-    note = (
-        "Each cure alone, on the same day.  Margin: above 0.85 a loop hunts.  Swing: peak to peak, settled.  Motor "
-        f"travel: strokes.  {NONE}: cannot be told."
-    )
-    return Table("The loop as it is and with each cure", head, rows, note)
-
-
-def _phase(phase: xr.DataArray, title: str) -> Table:
-    order = phase.values.argsort()[::-1]
-    rows = [[str(phase["part"].values[k]), f"{float(phase[k]):.0f}°"] for k in order if abs(float(phase[k])) >= 0.5]
-    return Table(title.removesuffix(":") or "Phase", ["part of the loop", "takes"], rows)

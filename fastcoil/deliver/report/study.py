@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +18,7 @@ from fastcoil.base.errors import FastcoilError
 from fastcoil.deliver.figures.study import standard_figures
 from fastcoil.deliver.report.computed import cited, how, question, study_tables, versions
 from fastcoil.deliver.report.page import (
+    MOST_ROWS,
     Block,
     Code,
     Page,
@@ -53,112 +53,92 @@ _SHOWN = ("rmse", *_HEADS)
 _MOST_NAMES, _MOST_FAILED = 40, 10
 
 
-class _Baseline(NamedTuple):
-    """What the rows of a table are compared with, and why the scenarios of the table are not all of the study."""
-
-    dim: str
-    at: int
-    words: str
-    only: str = ""
-
-
-class ComparedTable(NamedTuple):
+class Comparison(NamedTuple):
     """A table, and what it says in a sentence; empty where it compares nothing."""
 
     table: Table
     sentence: str = ""
 
 
-def comparisons(ds: xr.Dataset) -> list[ComparedTable]:
+def comparisons(ds: xr.Dataset) -> list[Comparison]:
     """A comparison for every dimension with labels."""
     ds = ds[[name for name in (*_SHOWN, "status") if name in ds]].where(ds["status"] == STATUS_OK).drop_vars("status")
     found, dims = [], [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
     ratio = next((d for d in _RATIOS if d in dims and bool((ds[d] == 0.0).any())), None)
     plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), " with the plain PI")
     for dim in dims:
+        labels = ds[dim].values
+        zero = int((labels == 0.0).argmax())
         if dim == ratio:
             seen = without_dead_band(ds.where(ds["backlash"] > 0.0) if "backlash" in ds.coords else ds)
-            found.append(_against(seen, _Baseline(dim, _zero(ds, dim), "the plain PI of the same loop")))
-        elif dim == "backlash" and bool((ds[dim] == 0.0).any()):
-            found.append(_against(plain, _Baseline(dim, _zero(ds, dim), "the sound valve", only)))
-        elif ds[dim].dtype.kind in "OUST" and ds.sizes[dim] <= _MOST_NAMES:
-            found.append(_against(plain, _Baseline(dim, 0, f"{ds[dim].values[0]}, the first", only)))
+            found.append(_against(seen, dim, zero, "the plain PI of the same loop", ""))
+        elif dim == "backlash" and labels[zero] == 0.0:
+            found.append(_against(plain, dim, zero, "the sound valve", only))
+        elif labels.dtype.kind in "OUST" and labels.size <= _MOST_NAMES:
+            found.append(_against(plain, dim, 0, f"{labels[0]}, the first", only))
         elif is_parameter(ds, dim):
-            found.append(ComparedTable(_along(plain, dim, only)))
+            found.append(_along(plain, dim, only))
     return found
 
 
-def _zero(ds: xr.Dataset, dim: str) -> int:
-    return int((ds[dim].values == 0.0).argmax())
+def _rows_shown(ds: xr.Dataset, dim: str, *keep: int) -> list[int]:
+    """Rows of a table along a dimension: with its ends, those to keep and that of lowest error."""
+    best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(math.inf)
+    most = _MOST_NAMES if ds[dim].dtype.kind in "OUST" else MOST_ROWS
+    return picked(ds.sizes[dim], (*keep, int(best.values.argmin())), most)
 
 
-def _against(ds: xr.Dataset, of: _Baseline) -> ComparedTable:
-    """A row for every label, compared with the partner of each scenario under the baseline."""
-    dim = of.dim
+def _against(ds: xr.Dataset, dim: str, at: int, words: str, only: str) -> Comparison:
+    """A row for every label, compared with the partner of each scenario under the baseline, the label ``at``."""
     unit = next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), None)
-    base = ds.isel({dim: of.at}, drop=True)
-    best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(float("inf"))
-    rows_shown = picked(
-        ds.sizes[dim], (of.at, int(best.values.argmin())), _MOST_NAMES if ds[dim].dtype.kind in "OUST" else 12
-    )
+    base = ds.isel({dim: at}, drop=True)
     head = [quantity_of(ds, dim).text, "RMS error [K]", "change", *(["95 % interval"] if unit else [])]
     head += ["5 to 95 % of pairs", "lower in"] + _others_head(ds)
     rows, middles = [], dict[int, Middle]()
-    for k in rows_shown:
+    for k in _rows_shown(ds, dim, at):
         one = ds.isel({dim: k}, drop=True)
         cells = [_label(ds, dim, k), number(float(one["rmse"].median()))]
-        if k == of.at:
+        if k == at:
             cells += ["baseline", *[""] * (2 + bool(unit))]
         else:
             relative = (one["rmse"] / base["rmse"].where(base["rmse"] > 0.0) - 1.0).rename("rmse")
-            middle = middle_of(relative, unit or "")
+            middles[k] = middle = middle_of(relative, unit or "")
             pair = one["rmse"].notnull() & base["rmse"].notnull()
             lower = (one["rmse"] < base["rmse"]) + 0.5 * (one["rmse"] == base["rmse"])
             cells += [change(middle.median), *([span(middle.low, middle.high)] if unit else [])]
-            middles[k] = middle
             cells += [span(middle.q05, middle.q95), share(float(lower.where(pair).mean()))]
         rows.append(cells + _others(one))
     over = f"95 % interval: of the median change, over {ds.sizes[unit]} {_UNITS[unit]}.  " if unit else ""
     what = "names" if ds[dim].dtype.kind in "OUST" else "values"
     note = (
-        f"RMS error: median{of.only}.  Change: median within pairs that differ in nothing else.  {over}"
+        f"RMS error: median{only}.  Change: median within pairs that differ in nothing else.  {over}"
         f"5 to 95 % of pairs: how much the change differs from loop to loop.  Lower in: share of pairs with less "
         f"error, ties half.  {left_out(ds.sizes[dim], len(rows), what)}"
     ).strip()
-    table = Table(f"{quantity_of(ds, dim).text.capitalize()}: against {of.words}", head, rows, note)
-    return ComparedTable(table, _sentence(ds, of, middles, unit))
-
-
-def _sentence(ds: xr.Dataset, of: _Baseline, middles: Mapping[int, Middle], unit: str | None) -> str:
-    """The largest gap, or the label of lowest error, against the baseline."""
+    table = Table(f"{quantity_of(ds, dim).text.capitalize()}: against {words}", head, rows, note)
     known = {k: middle for k, middle in middles.items() if math.isfinite(middle.median)}
     if not known:
-        return ""
-    k = max(known) if of.dim == "backlash" else min(known, key=lambda each: known[each].median)
-    found, text = known[k], quantity_of(ds, of.dim).text
+        return Comparison(table)
+    # the largest gap, or the label of lowest error
+    k = max(known) if dim == "backlash" else min(known, key=lambda each: known[each].median)
+    found = known[k]
     over = f"; 95 %: {span(found.low, found.high)}, over {ds.sizes[unit]} {_UNITS[unit]}" if unit else ""
     if unit and found.low < 0.0 < found.high:
         over += ", which may be chance"
-    return (
-        f"{text.capitalize()} {_label(ds, of.dim, k)}{of.only}: RMS error {change(found.median)} against {of.words} "
-        f"(median{over})."
-    )
+    name = f"{quantity_of(ds, dim).text.capitalize()} {_label(ds, dim, k)}{only}"
+    return Comparison(table, f"{name}: RMS error {change(found.median)} against {words} (median{over}).")
 
 
-def _along(ds: xr.Dataset, dim: str, only: str) -> Table:
+def _along(ds: xr.Dataset, dim: str, only: str) -> Comparison:
     """A row for every value, medians over all else."""
-    middle = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(float("inf"))
-    rows_shown = picked(ds.sizes[dim], (int(middle.values.argmin()),))
     head = [quantity_of(ds, dim).text, "RMS error [K]", "5 to 95 % of scenarios", *_others_head(ds)]
     rows = []
-    for k in rows_shown:
+    for k in _rows_shown(ds, dim):
         one = ds.isel({dim: k}, drop=True)
-        low, high = (float(one["rmse"].quantile(q)) for q in (0.05, 0.95))
-        rows.append(
-            [_label(ds, dim, k), number(float(one["rmse"].median())), f"{number(low)} to {number(high)}"] + _others(one)
-        )
+        low, middle, high = (number(float(one["rmse"].quantile(q))) for q in (0.05, 0.5, 0.95))
+        rows.append([_label(ds, dim, k), middle, f"{low} to {high}", *_others(one)])
     note = f"Medians{only} over everything else.  {left_out(ds.sizes[dim], len(rows), 'values')}".strip()
-    return Table(f"Along {quantity_of(ds, dim).text}", head, rows, note)
+    return Comparison(Table(f"Along {quantity_of(ds, dim).text}", head, rows, note))
 
 
 def _others_head(ds: xr.Dataset) -> list[str]:
@@ -190,24 +170,19 @@ def failures(ds: xr.Dataset) -> Table | None:
     return Table("Scenarios that failed", [*dims, "status"], rows, note)
 
 
-_COUNTED = ("reversals", "half_periods")  # metrics that are whole numbers
-
-
 def metrics(ds: xr.Dataset) -> Table:
-    """Every metric that is known, with its unit."""
+    """Every metric of a single scenario that is known, with its unit."""
     rows = []
     for name, output in METRICS.items():
-        if name not in ds or name == "hunts" or output.flags or not bool(ds[name].notnull().any()):
-            continue
-        shown = quantity(name)
-        value = float(ds[name].max()) * shown.factor
-        text = f"{value:.0f}" if name in _COUNTED else f"{number(value)} {shown.unit}".rstrip()
-        rows.append([output.long_name, text, name])
+        if name in ds and name != "hunts" and not output.flags and bool(ds[name].notnull().any()):
+            value, of = float(ds[name].max()), quantity(name)
+            text = f"{value:.0f}" if name in ("reversals", "half_periods") else f"{number(value * of.factor)} {of.unit}"
+            rows.append([output.long_name, text.rstrip(), name])
     return Table("Every metric", ["metric", "value", "name in results.nc"], rows)
 
 
 def answer_of_one(ds: xr.Dataset) -> list[str]:
-    """The error, whether it hunts, and what the motor does for it."""
+    """The error of a single scenario, whether it hunts, and what the motor does for it."""
     found = {name: float(ds[name].max()) for name in ("rmse", "hunts", "hunting_swing", "motor_travel") if name in ds}
     lines = [f"RMS error {number(found['rmse'])} K."]
     if "hunts" in found:

@@ -67,7 +67,7 @@ def test_a_fit_that_is_not_identified_says_so_first(valve, tmp_path):
     unsure = replace(valve, parameters=parameters, held={"backlash": "not identified: too few turns"})
     text = page_of(unsure, tmp_path / "unsure.html")
     assert text.index("Read this first backlash: not identified: too few turns") < text.index("Answer")
-    assert "The log does not tell the size of the gap" in text
+    assert "The log does not identify the size of the gap" in text
 
 
 @pytest.mark.full
