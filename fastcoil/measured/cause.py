@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.measured.fitted_loop import FittedLoop, Outcome, outcome_of, play, what_if
+from fastcoil.measured.fitted_loop import FITTED_HUNTS_ABOVE, FittedLoop, Outcome, what_if
 from fastcoil.measured.measures import Measures, Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
@@ -20,8 +20,6 @@ LEAST_EXPLAINED = 0.1
 """Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
 GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
 """Factors on the gain of the model, which no log resolves exactly, and how many of these have to agree."""
-FORETELLS = 0.8
-"""Margin max |L||N| above which a gap may make the loop hunt; 0.85 where the plant is known and not fitted."""
 _KICKED, _LEAST_KICK = 600.0, 1.0
 """Seconds and K by which the set-point is off at first, so that a cycle that needs a start gets it."""
 
@@ -39,23 +37,16 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
     The fitted loop is simulated on the day of the log with all fast disturbances taken away, with its gap and without.
     What still swings then is a limit cycle of the loop.
 
-    Parameters
-    ----------
-    measures
-        What the log shows.
-    fitted
-        The loop as a model, or why there is none.  A loop that does not repeat its log to the letter may do.
-    identified
-        Whether the log resolves the backlash; no valve is blamed for one that it does not.
+    measures: what the log shows.  fitted: the loop as a model, or why there is none; one that does not repeat its log
+    to the letter may do.  identified: whether the log resolves the backlash; no valve is blamed for one that it does
+    not.
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:
         return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
     if stroke > FULL_SWING:
-        return Cause(
-            TUNING,
-            f"the command swings over {100 * stroke:.0f} % of the stroke, more than a gap makes it: lower the gain",
-        )
+        share = f"{100 * stroke:.0f} %"
+        return Cause(TUNING, f"the command swings over {share} of the stroke, more than a gap makes it: lower the gain")
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := too_little(fitted):
@@ -63,17 +54,12 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
     return _of_model(fitted, swing, identified)
 
 
-def too_little(fitted: FittedLoop) -> str:
-    """Why the model of a loop holds too little of it to be used, or nothing."""
-    share = fitted.explained_temperature
-    if share >= LEAST_EXPLAINED:
-        return ""
-    return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
-
-
 def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
     quiet = by_itself(fitted, swing)
-    with_gap, without = _alike(quiet, swing, fitted.backlash), _alike(quiet, swing, 0.0)
+    # with how many gains the loop swings by itself as the log does
+    with_gap, without = (
+        sum(_swings_alike(quiet.played(gap, gain), swing) for gain in GAINS) for gap in (fitted.backlash, 0.0)
+    )
     if without >= _MOST:
         return Cause(TUNING, "the loop would hunt with a perfect valve, too: lower the gain")
     if with_gap >= _MOST and without == 0:
@@ -81,21 +67,19 @@ def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
             return Cause(BACKLASH, "the loop would not hunt without it")
         size = 100 * fitted.backlash
         return Cause(UNKNOWN, f"it would with a gap of {size:.2g} % and not without, but the log does not tell the gap")
-    if with_gap == 0 and fitted.margin < FORETELLS:
+    if with_gap == 0 and fitted.margin < FITTED_HUNTS_ABOVE:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
     return Cause(
         UNKNOWN, "whether the loop would hunt by itself turns on a tenth of its gain, which the log does not tell"
     )
 
 
-def _alike(quiet: FittedLoop, swing: Swing, backlash: float) -> int:
-    """With how many of ``GAINS`` the loop swings by itself as the log does."""
-    count = 0
-    for factor in GAINS:
-        pi = quiet.pi._replace(kp=factor * quiet.pi.kp)
-        played = play(quiet.plant, pi, quiet.day, quiet.stroke_time, backlash, 0.0, 0.0)
-        count += _swings_alike(outcome_of(played, quiet.day, quiet.plant.step), swing)
-    return count
+def too_little(fitted: FittedLoop) -> str:
+    """Why the model of a loop holds too little of it to be used, or nothing."""
+    share = fitted.plant.explained
+    if share >= LEAST_EXPLAINED:
+        return ""
+    return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
 
 
 def by_itself(fitted: FittedLoop, swing: Swing) -> FittedLoop:
@@ -114,9 +98,7 @@ def _swings_alike(outcome: Outcome, swing: Swing) -> bool:
     return bool(abs(np.log(outcome.period / swing.period)) < np.log(ALIKE))
 
 
-BUFFER = 0.01
-"""Of the backlash inverse that is tried, fraction of stroke."""
-CASES = ("as_found", "no_gap", "half_gap", "half_gain", "inverse")
+BUFFER = 0.01  # of the backlash inverse that is tried, fraction of stroke
 WORDS = {
     "as_found": "as found",
     "no_gap": "no gap",
@@ -134,22 +116,18 @@ _MEANINGS = {
 }
 
 
-def outcomes_of(fitted: FittedLoop, backlash: float) -> dict[str, Outcome | str]:
-    """Simulate the fitted loop in every case; ``backlash``: of its valve, fraction of stroke."""
-    return {
+def predictions_of(fitted: FittedLoop) -> xr.Dataset:
+    """The day of the loop in every case: numbers along ``case``, NaN where there is a ``doubt``."""
+    found: dict[str, Outcome | str] = {
         "as_found": what_if(fitted),
         "no_gap": what_if(fitted, backlash=0.0),
-        "half_gap": what_if(fitted, backlash=0.5 * backlash),
+        "half_gap": what_if(fitted, backlash=0.5 * fitted.backlash),
         "half_gain": what_if(fitted, kp_factor=0.5),
-        "inverse": what_if(fitted, estimate=backlash, buffer=BUFFER),
+        "inverse": what_if(fitted, estimate=fitted.backlash, buffer=BUFFER),
     }
-
-
-def as_dataset(outcomes: dict[str, Outcome | str]) -> xr.Dataset:
-    """The outcomes along ``case``: numbers, NaN where one is a sentence, which is then the ``doubt``."""
-    ds = xr.Dataset(coords={"case": list(outcomes)})
+    ds = xr.Dataset(coords={"case": list(found)})
     for name, (unit, meaning) in _MEANINGS.items():
-        values = [np.nan if isinstance(one, str) else float(getattr(one, name)) for one in outcomes.values()]
+        values = [np.nan if isinstance(one, str) else float(getattr(one, name)) for one in found.values()]
         ds[name] = ("case", values, {"units": unit, "long_name": meaning})
-    ds["doubt"] = ("case", [one if isinstance(one, str) else "" for one in outcomes.values()])
+    ds["doubt"] = ("case", [one if isinstance(one, str) else "" for one in found.values()])
     return ds

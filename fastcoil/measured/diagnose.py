@@ -12,8 +12,8 @@ from fastcoil.base.arguments import checking, number_of
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
-from fastcoil.measured.cause import as_dataset, cause_of, outcomes_of, too_little
-from fastcoil.measured.diagnosis import Diagnosis, scalars
+from fastcoil.measured.cause import cause_of, predictions_of, too_little
+from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.fitted_loop import FittedLoop, fit_loop_model
 from fastcoil.measured.grid import Grid, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, identify_backlash
@@ -27,8 +27,7 @@ _LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1
 WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
 size is claimed."""
-WIDEST = 0.1
-"""Interval of a backlash that may be claimed, fraction of stroke."""
+WIDEST = 0.1  # interval of a backlash that may be claimed, fraction of stroke
 
 
 def diagnose(
@@ -76,38 +75,36 @@ def diagnose(
         log = check(log_of, "log", log)
         stroke_time = check.unless_none(_seconds_of, "stroke_time", stroke_time, 0.0)
         sample_time = check.unless_none(_seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
-        how = checked_reading(
-            check,
-            columns=columns,
-            units=units,
-            drop=drop,
-            jumps=jumps,
-            max_gap=max_gap,
-            time_format=time_format,
-            has_command=True,
-        )
+        how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
+                              max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     if hasattr(log, "data_vars") and "T_measured" in log and "T_sup" not in (columns or {}):
         log = log.assign(T_sup=log["T_measured"])
     data = read_log(log, _WANTED, how)
     grid, notes = on_grid(data)
-    known = [name for name in ("m_a", "T_a_in") if name in grid.values]
+    values, interval = grid.values, grid.interval
+    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     found = identify_backlash(
-        grid.values["command"],
-        grid.values["T_sup"],
-        grid.interval,
-        grid.values.get("T_set"),
-        tuple(grid.values[name] for name in known),
-        grid.on,
-        stroke_time,
-        sample_time,
-    )
-    measures = measures_of(grid, stroke_time)
+        values["command"], values["T_sup"], interval, values.get("T_set"),
+        tuple(values[name] for name in ("m_a", "T_a_in") if name in values), grid.on, seconds, sample_time,
+    )  # fmt: skip
+    measures = measures_of(grid, seconds)
     found = _doubted(found, grid, measures)
-    loop = _modelled(grid, found, stroke_time, sample_time)
+    loop = _modelled(grid, found, seconds, sample_time)
     cause = cause_of(measures, loop, identified=found.identified)
-    fitted = loop if isinstance(loop, str) else loop.doubt or loop
-    outcomes = {} if isinstance(fitted, str) else outcomes_of(fitted, fitted.backlash)
-    notes = [*data.notes, *notes, *_remarks(grid, stroke_time, sample_time, fitted)]
+    indices = measures.indices | loop_indices(measures, interval, loop)
+    doubt = loop if isinstance(loop, str) else loop.doubt
+    if stroke_time is None:
+        notes.append(f"the motor is taken to need {seconds:g} s for its stroke: give stroke_time if it is known")
+    if "T_set" not in values:
+        notes.append("without a set-point (T_set) no error, no index of it, no cause and no prediction is computed")
+    elif doubt:
+        notes.append(f"no prediction: {doubt}")
+    if sample_time is not None and sample_time < interval:
+        notes.append(
+            f"the log has a sample every {interval:g} s, the controller one every {sample_time:g} s: turns of the "
+            "command between two samples are lost"
+        )
+    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return Diagnosis(
         source=data.name,
         backlash=found.backlash,
@@ -117,11 +114,19 @@ def diagnose(
         cause=cause.name,
         because=cause.because,
         hunts=measures.swing.is_regular,
-        profile=_profile(found),
-        indices=scalars(measures.indices | loop_indices(measures, grid.interval, loop, trusted=fitted is loop)),
-        predictions=as_dataset(outcomes) if outcomes else None,
+        profile=xr.Dataset(
+            {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
+            {"backlash": ("backlash", found.candidates, attrs)},
+        ),
+        indices=xr.Dataset(
+            {
+                name: ((), value, dict(zip(("units", "long_name"), INDICES[name][:2], strict=True)))
+                for name, value in indices.items()
+            }
+        ),
+        predictions=None if doubt or isinstance(loop, str) else predictions_of(loop),
         signals=_signals(grid, measures),
-        notes=notes,
+        notes=[*data.notes, *notes],
     )
 
 
@@ -133,67 +138,39 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
     """The backlash, not identified where the log holds a trap that the likelihood does not know."""
     if not found.identified:
         return found
-    unknown = found._replace(low=0.0, high=float(found.candidates[-1]), identified=False)
+    low, high = 0.0, float(found.candidates[-1])
     if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
             f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
             "hides the gap: halve the gain and log again"
         )
-        return unknown._replace(reason=reason)
-    if grid.increment > LARGEST_INCREMENT:
+    elif grid.increment > LARGEST_INCREMENT:
         reason = (
             f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
             "at fixed times, or at changes of 0.05 K"
         )
-        return unknown._replace(reason=reason)
-    if found.high - found.low > WIDEST:
+    elif found.high - found.low > WIDEST:
+        low, high = found.low, found.high
         reason = (
-            f"gaps from {100 * found.low:.2g} to {100 * found.high:.2g} % explain the log: change the set-point up and "
-            "down, or log longer"
+            f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: change the set-point up and down, or "
+            "log longer"
         )
-        return found._replace(identified=False, reason=reason)
-    return found
+    else:
+        return found
+    return found._replace(low=low, high=high, identified=False, reason=reason)
 
 
-def _modelled(
-    grid: Grid, found: Identification, stroke_time: float | None, sample_time: float | None
-) -> FittedLoop | str:
+def _modelled(grid: Grid, found: Identification, stroke_time: float, sample_time: float | None) -> FittedLoop | str:
     """The loop as a model, or why there is none."""
     values = grid.values
     if "T_set" not in values:
         return "the log has no set-point (T_set)"
-    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
-    modelled = fit_loop_model(
-        values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, seconds, sample_time, grid.on
+    loop = fit_loop_model(
+        values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, stroke_time, sample_time, grid.on
     )
-    return modelled if isinstance(modelled, str) else modelled._replace(doubt=too_little(modelled) or modelled.doubt)
-
-
-def _remarks(grid: Grid, stroke_time: float | None, sample_time: float | None, fitted: FittedLoop | str) -> list[str]:
-    """What was assumed, and what could not be computed."""
-    notes = []
-    if stroke_time is None:
-        notes.append(
-            f"the motor is taken to need {USUAL_STROKE_TIME:g} s for its stroke: give stroke_time if it is known"
-        )
-    if "T_set" not in grid.values:
-        notes.append("without a set-point (T_set) no error, no index of it, no cause and no prediction is computed")
-    elif isinstance(fitted, str):
-        notes.append(f"no prediction: {fitted}")
-    if sample_time is not None and sample_time < grid.interval:
-        notes.append(
-            f"the log has a sample every {grid.interval:g} s, the controller one every {sample_time:g} s: turns of the "
-            "command between two samples are lost"
-        )
-    return notes
-
-
-def _profile(found: Identification) -> xr.Dataset:
-    profile = {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})}
-    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
-    return xr.Dataset(profile, {"backlash": ("backlash", found.candidates, attrs)})
+    return loop if isinstance(loop, str) else loop._replace(doubt=too_little(loop) or loop.doubt)
 
 
 def _signals(grid: Grid, measures: Measures) -> xr.Dataset:

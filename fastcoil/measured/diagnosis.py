@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.base.results import Result, as_toml, in_toml
+from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
 from fastcoil.measured.grid import openings
 from fastcoil.measured.identify import GOOD
@@ -20,6 +18,29 @@ from fastcoil.measured.identify import GOOD
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+INDICES = {
+    "error_rms": ("K", "RMS control error", "error, RMS"),
+    "error_rms_settled": ("K", "RMS control error, settled and in control", "error, settled"),
+    "peak_to_peak": ("K", "swing of the supply temperature, peak to peak", "swing, peak to peak"),
+    "period": ("s", "period of the swing", "period"),
+    "regularity": ("1", "regularity of the swing after Thornhill: regular above 1", "regularity (Thornhill)"),
+    "periodic_share": ("1", "share of the variance that comes back after a period", ""),
+    "oscillation": ("1", "oscillation index after Hägglund: oscillates above 1", "oscillation (Hägglund)"),
+    "harris": ("1", "normalised Harris index: 0 is the best that feedback can do, 1 the worst", "Harris, normalised"),
+    "hagglund_backlash": ("1", "backlash after Hägglund, fraction of stroke", "backlash (Hägglund)"),
+    "command_swing": ("1", "median swing of the command in a period, peak to peak", ""),
+    "motor_travel": ("d-1", "strokes of the motor in a day", "motor, strokes a day"),
+    "reversals": ("d-1", "turns of the motor in a day", "motor, turns a day"),
+    "kp": ("K-1", "gain of the controller", "controller gain"),
+    "ti": ("s", "integral time of the controller", "integral time"),
+    "sample_time": ("s", "time between samples of the controller", ""),
+    "plant_gain": ("K", "change of the temperature over the stroke", ""),
+    "margin": (
+        "1", "margin max |L||N| of the describing function: above 0.8 a gap makes it hunt", "margin (hunts above 0.8)",
+    ),
+}  # fmt: skip
+"""Unit and meaning of each index, and how the page calls it, if it has it."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,50 +95,43 @@ class Diagnosis(Result):
         """The diagnosis in words, line by line."""
         hours = self.signals.attrs["hours"]
         lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:g} s"]
-        lines += [_gap(self), _hunting(self), *_cures(self), *_either(self)]
+        lines += [_gap(self), _hunting(self), *_cures(self)]
         return lines + [f"Note: {note}" for note in self.notes]
 
     def plot(self) -> Figure:
         """The diagnosis on one page, as a matplotlib ``Figure``."""
-        return page(self)
+        return _page(self)
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
 
         ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
         """
-        lines = [f"# backlash fitted to {self.source} by fastcoil diagnose"]
-        lines += [f"# {line}" for line in self.summary()[1:]]
-        lines += ["", "[loop]"] + ([f"backlash = {self.backlash!r}"] if self.identified else [])
-        lines += ["", "[fit]", 'kind = "diagnosis"', f"source = {in_toml(self.source)}"]
-        lines += [f"identified = {in_toml(self.identified)}", f"reason = {in_toml(self.reason)}"]
-        lines += [f"cause = {in_toml(self.cause)}", f"because = {in_toml(self.because)}"]
-        lines += [f"notes = {in_toml(list(self.notes))}"]
         low, high = self.interval
-        lines += ["", "[fit.interval_95]", f"backlash = {in_toml([low, high])}"]
-        lines += ["", "[fit.indices]"] + [f"{name} = {in_toml(float(value))}" for name, value in self.indices.items()]
+        of_fit = {"kind": "diagnosis", "source": self.source, "identified": self.identified, "reason": self.reason,
+                  "cause": self.cause, "because": self.because, "notes": self.notes}  # fmt: skip
+        lines = [
+            f"# backlash fitted to {self.source} by fastcoil diagnose",
+            *(f"# {one}" for one in self.summary()[1:]),
+        ]
+        lines += toml_table("loop", {"backlash": self.backlash} if self.identified else {})
+        lines += toml_table("fit", of_fit) + toml_table("fit.interval_95", {"backlash": [low, high]})
+        lines += toml_table("fit.indices", {str(name): float(value) for name, value in self.indices.items()})
         if self.predictions is not None:
             for case in self.predictions["case"].values:
                 one = self.predictions.sel(case=case)
-                lines += ["", f"[fit.predictions.{case}]", f"doubt = {in_toml(str(one['doubt'].values))}"]
-                numbers = one.drop_vars("doubt").data_vars.items()
-                lines += [f"{name} = {in_toml(float(value))}" for name, value in numbers]
+                numbers = {str(name): float(value) for name, value in one.drop_vars("doubt").items()}
+                lines += toml_table(f"fit.predictions.{case}", {"doubt": str(one["doubt"].values), **numbers})
         return as_toml(lines, path)
-
-
-_POSSIBLE = ("half_gain", "no_gap", "half_gap", "inverse")
-"""Cures; without a known gap only the first."""
 
 
 def _gap(d: Diagnosis) -> str:
     low, high = (100 * bound for bound in d.interval)
-    if d.identified and d.backlash <= GOOD:
-        return f"Gap: none to speak of, {100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
+    within = f"{100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
     if d.identified:
-        return f"Gap: {100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
-    if np.isnan(d.backlash):
-        return f"Gap: cannot tell: {d.reason}"
-    return f"Gap: cannot tell; most probable {100 * d.backlash:.3g} % (95 %: {low:.3g} to {high:.3g} %): {d.reason}"
+        return f"Gap: none to speak of, {within}" if d.backlash <= GOOD else f"Gap: {within}"
+    probable = "" if np.isnan(d.backlash) else f"; most probable {within.replace(' of the stroke', '')}"
+    return f"Gap: cannot tell{probable}: {d.reason}"
 
 
 def _hunting(d: Diagnosis) -> str:
@@ -125,105 +139,66 @@ def _hunting(d: Diagnosis) -> str:
     size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
     if d.cause == NONE:
         error = float(d.indices["error_rms_settled"])
-        held = f": its error is {error:.2g} K (RMS, settled)" if np.isfinite(error) else ""
-        return f"Hunting: none{held}"
+        return f"Hunting: none: its error is {error:.2g} K (RMS, settled)" if np.isfinite(error) else "Hunting: none"
     if not d.hunts:
         return f"Hunting: cannot tell: {d.because}"
-    swings = f"Hunting: ± {size:.2g} K every {_duration(period)}"
+    every = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
     blamed = {
-        BACKLASH: "probably because of the gap",
-        TUNING: "because of the tuning",
-        DISTURBANCE: "because of a disturbance",
+        BACKLASH: ", probably because of the gap:",
+        TUNING: ", because of the tuning:",
+        DISTURBANCE: ", because of a disturbance:",
     }
-    return f"{swings}, {blamed[d.cause]}: {d.because}" if d.cause in blamed else f"{swings}; {d.because}"
+    return f"Hunting: ± {size:.2g} K every {every}{blamed.get(d.cause, ';')} {d.because}"
 
 
 def _cures(d: Diagnosis) -> list[str]:
-    """What the fitted loop would do with another valve, tuning or controller."""
+    """What the fitted loop would do with another valve, tuning or controller, and what would stop its hunting."""
     if d.predictions is None:
         return []
-    found = d.predictions.sel(case="as_found")
-    cases = [("as_found", "As found"), ("half_gain", "With half the gain")]
+    cases = {"as_found": "As found", "half_gain": "With half the gain"}
     if d.identified and d.backlash > GOOD:
-        cases += [
-            ("no_gap", "Without the gap"),
-            ("half_gap", "With half the gap"),
-            ("inverse", "With a backlash inverse"),
-        ]
-    return [f"{words}: {_case_in_words(d.predictions.sel(case=case), found)}" for case, words in cases]
+        cases |= {"no_gap": "Without the gap", "half_gap": "With half the gap", "inverse": "With a backlash inverse"}
+    hunting = float(d.predictions["hunts"].sel(case="as_found"))
+    lines = []
+    for case, words in cases.items():
+        one = d.predictions.sel(case=case)
+        stops = ", no hunting" if hunting > float(one["hunts"]) else ""
+        answer = (
+            f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem turns "
+            f"{float(one['reversals_per_day']):.0f} times a day{stops}"
+        )
+        lines.append(f"{words}: " + (f"cannot tell: {one['doubt'].values}" if str(one["doubt"].values) else answer))
+    calm = d.predictions.where(d.predictions["hunts"] == 0.0, drop=True).sortby("rmse")["case"].values
+    cures = [WORDS[case] for case in calm if case in cases]
+    return lines + [f"What would stop the hunting: {', or '.join(cures)}"] * bool(hunting and cures)
 
 
-def _either(d: Diagnosis) -> list[str]:
-    """What would stop the hunting, best first."""
-    if d.predictions is None or not float(d.predictions["hunts"].sel(case="as_found")):
-        return []
-    calm = d.predictions.where(d.predictions["hunts"] == 0.0, drop=True).sortby("rmse")
-    possible = _POSSIBLE if d.identified and d.backlash > GOOD else _POSSIBLE[:1]
-    cures = [WORDS[case] for case in calm["case"].values if case in possible]
-    return [f"What would stop the hunting: {', or '.join(cures)}"] if cures else []
-
-
-def _case_in_words(one: xr.Dataset, found: xr.Dataset) -> str:
-    """One case in words."""
-    if str(one["doubt"].values):
-        return f"cannot tell: {one['doubt'].values}"
-    stands = ", no hunting" if float(found["hunts"]) > float(one["hunts"]) else ""
-    return (
-        f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem turns "
-        f"{float(one['reversals_per_day']):.0f} times a day{stands}"
-    )
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
-
-
-_TELLING = 7200.0
-"""Seconds that are drawn."""
+_TELLING = 7200.0  # seconds that are drawn
 _SIZE = (7.5, 9.0)
-_ROOM = 160.0
-"""Per cent of the longest bar, for the words behind it."""
+_ROOM = 160.0  # per cent of the longest bar, for the words behind it
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
-_TABLE = (
-    ("error_rms", "error, RMS", "K"),
-    ("error_rms_settled", "error, settled", "K"),
-    ("peak_to_peak", "swing, peak to peak", "K"),
-    ("period", "period", "s"),
-    ("regularity", "regularity (Thornhill)", ""),
-    ("oscillation", "oscillation (Hägglund)", ""),
-    ("harris", "Harris index, normalised", ""),
-    ("hagglund_backlash", "backlash (Hägglund)", "%"),
-    ("motor_travel", "motor, strokes a day", ""),
-    ("reversals", "motor, turns a day", ""),
-    ("kp", "controller gain", "1/K"),
-    ("ti", "integral time", "s"),
-    ("margin", "margin (hunts above 0.8)", ""),
-)
 
 
 @apply_style()
-def page(d: Diagnosis) -> Figure:
-    """The diagnosis as a page."""
+def _page(d: Diagnosis) -> Figure:
     from matplotlib.figure import Figure
 
     fig = Figure(figsize=_SIZE, layout="constrained")
     grid = fig.add_gridspec(4, 2, height_ratios=(1.0, 0.8, 1.25, 1.35))
     temperature = fig.add_subplot(grid[0, :])
-    command = fig.add_subplot(grid[1, :], sharex=temperature)
-    seen = d.signals.isel(elapsed_time=telling(d.signals))
-    _temperature(temperature, seen)
-    _command(command, seen)
-    _opening(fig.add_subplot(grid[2, 0]), d, seen)
-    _profile(fig.add_subplot(grid[2, 1]), d)
-    _predictions(fig.add_subplot(grid[3, 0]), d)
-    _indices(fig.add_subplot(grid[3, 1]), d)
+    seen = d.signals.isel(elapsed_time=_telling(d.signals))
+    _draw_log(temperature, fig.add_subplot(grid[1, :], sharex=temperature), seen)
+    _draw_opening(fig.add_subplot(grid[2, 0]), d, seen)
+    _draw_profile(fig.add_subplot(grid[2, 1]), d)
+    _draw_predictions(fig.add_subplot(grid[3, 0]), d)
+    _draw_indices(fig.add_subplot(grid[3, 1]), d)
     headline = d.summary()[:3]
     fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
     return fig
 
 
-def telling(signals: xr.Dataset) -> slice:
+def _telling(signals: xr.Dataset) -> slice:
     """The two hours in which the motor travels most while nothing is missing: settled, where the loop ever is."""
     interval, n = signals.attrs["interval"], signals.sizes["elapsed_time"]
     width = min(n, max(2, round(_TELLING / interval)))
@@ -238,27 +213,21 @@ def telling(signals: xr.Dataset) -> slice:
     return slice(start, start + width)
 
 
-def _hours(seen: xr.Dataset) -> Array:
-    return np.asarray(seen["elapsed_time"].values / 3600.0)
-
-
-def _temperature(axes: Axes, seen: xr.Dataset) -> None:
-    axes.plot(_hours(seen), seen["T_sup"], color=BLUE, lw=1.0, label="supply air")
+def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
+    hours = seen["elapsed_time"] / 3600.0
+    above.plot(hours, seen["T_sup"], color=BLUE, lw=1.0, label="supply air")
     if "T_set" in seen:
-        axes.step(_hours(seen), seen["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
-    axes.set_ylabel("temperature [°C]")
-    axes.tick_params(labelbottom=False)
-    axes.set_title("Two telling hours", loc="left")
-    axes.legend(ncols=2, **_ABOVE)
+        above.step(hours, seen["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
+    above.set_ylabel("temperature [°C]")
+    above.tick_params(labelbottom=False)
+    above.set_title("Two telling hours", loc="left")
+    above.legend(ncols=2, **_ABOVE)
+    below.step(hours, 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
+    below.set(xlabel="time [h]", ylabel="command [%]")
+    below.margins(x=0.01)
 
 
-def _command(axes: Axes, seen: xr.Dataset) -> None:
-    axes.step(_hours(seen), 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
-    axes.set(xlabel="time [h]", ylabel="command [%]")
-    axes.margins(x=0.01)
-
-
-def _opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
+def _draw_opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
     """The opening behind the motor with the most probable gap: the wider the loop, the larger the gap."""
     axes.set(xlabel="motor position [%]", ylabel="opening [%]")
     axes.set_title("Valve behind the motor, modelled", loc="left")
@@ -266,7 +235,7 @@ def _opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
         _says(axes, "no size could be compared")
         return
     position = seen["position"].values
-    opening = openings(position, np.array([d.backlash]))[:, 0]
+    opening = openings(position, d.backlash)
     look = BLUE if d.identified else GREY
     axes.plot(100 * position, 100 * opening, color=look, lw=0.9)
     ends = np.array([position.min(), position.max()])
@@ -277,7 +246,7 @@ def _opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
     axes.set_ylim(low - 0.1 * (high - low) - 0.5, high + 0.1 * (high - low) + 0.5)
 
 
-def _profile(axes: Axes, d: Diagnosis) -> None:
+def _draw_profile(axes: Axes, d: Diagnosis) -> None:
     sizes, probability = 100 * d.profile["backlash"].values, 100 * d.profile["probability"].values
     low, high = d.interval
     axes.axvspan(100 * low, 100 * high, color=FAINT, lw=0, label="95 % interval")
@@ -288,7 +257,7 @@ def _profile(axes: Axes, d: Diagnosis) -> None:
     axes.legend(**_ABOVE)
 
 
-def _predictions(axes: Axes, d: Diagnosis) -> None:
+def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
     """Error and travel in every case, as shares of what the model does as found."""
     axes.set_title("What the fitted loop would do", loc="left")
     if d.predictions is None:
@@ -314,13 +283,16 @@ def _predictions(axes: Axes, d: Diagnosis) -> None:
     axes.grid(visible=False, axis="y")
 
 
-def _indices(axes: Axes, d: Diagnosis) -> None:
+def _draw_indices(axes: Axes, d: Diagnosis) -> None:
     axes.axis("off")
     axes.set_title("Indices", loc="left")
     cells = []
-    for name, words, unit in _TABLE:
-        value = float(d.indices[name]) * (100 if unit == "%" else 1)
-        cells.append([words, f"{value:.3g} {unit}".rstrip() if np.isfinite(value) else "–"])
+    for name, (unit, _, words) in INDICES.items():
+        if words:
+            shown = {"K-1": "1/K", "d-1": "", "1": ""}.get(unit, unit)
+            shown, scale = ("%", 100.0) if name == "hagglund_backlash" else (shown, 1.0)
+            value = scale * float(d.indices[name])
+            cells.append([words, f"{value:.3g} {shown}".rstrip() if np.isfinite(value) else "–"])
     table = axes.table(cells, colWidths=(0.68, 0.32), loc="upper left", cellLoc="left", edges="horizontal")
     table.auto_set_font_size(False)
     table.set_fontsize(8)
@@ -332,10 +304,3 @@ def _indices(axes: Axes, d: Diagnosis) -> None:
 def _says(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8)
     axes.set(xticks=[], yticks=[])
-
-
-def scalars(values: Mapping[str, tuple[float, str, str]]) -> xr.Dataset:
-    """Single numbers by name, with unit and meaning, as a Dataset."""
-    return xr.Dataset(
-        {name: ((), value, {"units": unit, "long_name": meaning}) for name, (value, unit, meaning) in values.items()}
-    )

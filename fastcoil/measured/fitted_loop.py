@@ -18,25 +18,21 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.design.describing_function import describing_function
 from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
-from fastcoil.measured.identify import HORIZON, held
+from fastcoil.measured.grid import held
+from fastcoil.measured.identify import HORIZON
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SAMPLE, HUNTING_SWING, SETTLING_TIME, WARM_UP
 
-BUFFER = 1e-9
-"""Least buffer of the inverse, so that round-off is no reversal."""
+BUFFER = 1e-9  # least buffer of the inverse, so that round-off is no reversal
 
 
 class Day(NamedTuple):
-    """What a replay takes from the log, at the steps of the simulation, (n_steps,).
+    """What a replay takes from the log, at the steps of the simulation, (n_steps,)."""
 
-    disturbance: without noise, K.  noise: that the controller reads, K.  T_set: °C.  command: as logged.
-    works: whether the controller works; else the logged command acts.
-    """
-
-    disturbance: Array
-    noise: Array
-    T_set: Array
-    command: Array
-    works: Mask
+    disturbance: Array  # without noise, K
+    noise: Array  # that the controller reads, K
+    T_set: Array  # °C
+    command: Array  # as logged
+    works: Mask  # whether the controller works; else the logged command acts
 
 
 class Played(NamedTuple):
@@ -48,7 +44,7 @@ class Played(NamedTuple):
     opening: Array
 
 
-def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> Day:
+def _day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period: float) -> Day:
     """The day of a log; noise and disturbance are separated by how they change from sample to sample.
 
     period: samples to a period of a loop that hunts, else 0.  What is left of the hunting in the disturbance is what
@@ -58,7 +54,7 @@ def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period:
     smooth, level = without_noise(plant.disturbance, good)
     noise_seen = plant.disturbance - smooth
     if period > 0.0:
-        smooth = mean_over(smooth, period)
+        smooth = _mean_over(smooth, period)
     at = np.arange((n - 1) * plant.per_sample + 1) / plant.per_sample
     sample = at.astype(int)
     noise = level * np.random.default_rng(0).standard_normal(at.size)  # between samples it is unknown
@@ -67,7 +63,7 @@ def day_of(plant: FittedPlant, command: Array, T_set: Array, good: Mask, period:
     return Day(np.interp(at, np.arange(n), smooth), noise, T_set[sample], command[sample], works)
 
 
-def mean_over(series: Array, width: float) -> Array:
+def _mean_over(series: Array, width: float) -> Array:
     """Moving mean over ``width`` samples around each; fewer at the ends."""
     total = np.concatenate([[0.0], np.cumsum(series)])
     k = np.arange(series.size)
@@ -98,14 +94,9 @@ def without_noise(series: Array, good: Mask) -> tuple[Array, float]:
 
 
 def play(
-    plant: FittedPlant,
-    pi: RecoveredPI,
-    day: Day,
-    stroke_time: float,
-    backlash: float,
-    estimate: float,
-    buffer: float,
-) -> Played:
+    plant: FittedPlant, pi: RecoveredPI, day: Day, stroke_time: float, backlash: float, estimate: float = 0.0,
+    buffer: float = 0.0,
+) -> Played:  # fmt: skip
     """Replay a day: PI with clamped integral, inverse, motor, play operator, plant, recorded disturbance.
 
     estimate, buffer: of the inverse, fractions of stroke; an estimate of 0 is the plain PI.
@@ -163,31 +154,23 @@ def play(
     return Played(*map(np.array, (temperatures, commands, positions, opens)))
 
 
-LARGEST_WARM_UP = 0.125
-"""Share of a short log that is left out at its start in place of ``WARM_UP``."""
-MOVED = 1e-9
-"""Change of opening that counts as a movement, fraction of stroke."""
+LARGEST_WARM_UP = 0.125  # share of a short log that is left out at its start in place of ``WARM_UP``
+MOVED = 1e-9  # change of opening that counts as a movement, fraction of stroke
 DAY = 86400.0
 
 
 class Outcome(NamedTuple):
-    """A day of a loop.
+    """A day of a loop; a day is 24 h of operation."""
 
-    rmse: of the true temperature against the set-point, K.  amplitude: half of the mean peak to peak of the settled
-    windows, K.  period: settled seconds per upward crossing of the set-point, NaN below two.  travel_per_day: of the
-    motor, strokes.  reversals_per_day: of the stem.  hunts: as the metric of that name.
-    A day is 24 h of operation.
-    """
-
-    rmse: float
-    amplitude: float
-    period: float
-    travel_per_day: float
-    reversals_per_day: float
-    hunts: bool
+    rmse: float  # of the true temperature against the set-point, K
+    amplitude: float  # half of the mean peak to peak of the settled windows, K
+    period: float  # settled seconds per upward crossing of the set-point, NaN below two
+    travel_per_day: float  # of the motor, strokes
+    reversals_per_day: float  # of the stem
+    hunts: bool  # as the metric of that name
 
 
-def counted_steps(day: Day, step: float) -> Mask:
+def _counted_steps(day: Day, step: float) -> Mask:
     """Steps that count, (n_steps,): the loop works, and the warm-up is over."""
     counted = day.works.copy()
     counted[: int(min(WARM_UP, LARGEST_WARM_UP * counted.size * step) / step)] = False
@@ -197,7 +180,7 @@ def counted_steps(day: Day, step: float) -> Mask:
 def outcome_of(played: Played, day: Day, step: float) -> Outcome:
     """What a replayed day was like; step: s."""
     n = day.T_set.size
-    counted = counted_steps(day, step)
+    counted = _counted_steps(day, step)
     error = played.temperature - day.T_set
     changed = np.diff(day.T_set, prepend=day.T_set[:1]) != 0.0
     changed |= ~day.works
@@ -234,8 +217,7 @@ def _periods(errors: list[Array], step: float) -> Array:
     return np.concatenate([np.zeros(0), *(np.diff(_upward(error[::every])) * every * step for error in errors)])
 
 
-MOST_SECONDS = 172800.0
-"""Of a longer log the end is replayed."""
+MOST_SECONDS = 172800.0  # of a longer log the end is replayed
 LARGEST_ERROR, LARGEST_TRAVEL_ERROR = 0.2, 0.4
 """By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
 GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
@@ -246,56 +228,33 @@ _FREQUENCIES, _DEPTHS = 400, 400
 
 
 class FittedLoop(NamedTuple):
-    """A loop fitted to a log, ready to be replayed.
+    """A loop fitted to a log, ready to be replayed."""
 
-    kp: 1/K.  ti, sample_time: s.  action: ``cooling`` or ``heating``.
-    gain: K per stroke at the middle opening, below 0 for cooling.
-    margin: largest |L| |N| where 0–90° of phase margin are left; above ``FITTED_HUNTS_ABOVE`` the loop hunts behind any
-        gap.
-    explained_command, explained_temperature: shares of the variance of their changes that PI and plant explain.
-    doubt: why the loop is not to be trusted; empty if it is.
-    """
-
-    kp: float
-    ti: float
-    sample_time: float
-    action: str
-    gain: float
-    margin: float
-    explained_command: float
-    explained_temperature: float
-    backlash: float
-    stroke_time: float
     pi: RecoveredPI
     plant: FittedPlant
     day: Day
-    doubt: str = ""
+    backlash: float
+    stroke_time: float
+    margin: float  # largest |L| |N| where 0-90° of phase margin are left
+    doubt: str = ""  # why the loop is not to be trusted; empty if it is
+
+    def played(self, backlash: float, kp: float = 1.0, ti: float = 1.0, *inverse: float) -> Outcome:
+        """Its day with another backlash, with kp and ti times as large, with an inverse (estimate, buffer)."""
+        pi = self.pi._replace(kp=kp * self.pi.kp, ti=ti * self.pi.ti)
+        return outcome_of(
+            play(self.plant, pi, self.day, self.stroke_time, backlash, *inverse), self.day, self.plant.step
+        )
 
 
 def fit_loop_model(
-    command: Array,
-    temperature: Array,
-    T_set: Array,
-    interval: float,
-    backlash: float,
-    stroke_time: float,
-    sample_time: float | None = None,
-    enabled: Mask | None = None,
-) -> FittedLoop | str:
+    command: Array, temperature: Array, T_set: Array, interval: float, backlash: float, stroke_time: float,
+    sample_time: float | None = None, enabled: Mask | None = None,
+) -> FittedLoop | str:  # fmt: skip
     """Fit controller and plant to a trend log; one sentence if that cannot be done.
 
-    Parameters
-    ----------
-    command, temperature, T_set
-        (n,): fraction of stroke, °C, °C; NaN where missing.
-    interval
-        Seconds from sample to sample.
-    backlash, stroke_time
-        Of valve (fraction of stroke) and motor (s, 0 if it is as good as immediate).
-    sample_time
-        Of the controller, s; found from the log if None.
-    enabled
-        Whether the plant was on; all of it if None.
+    command, temperature, T_set: (n,), fraction of stroke, °C, °C; NaN where missing.  interval: s.  backlash,
+    stroke_time: of valve (fraction of stroke) and motor (s, 0 if it is as good as immediate).  sample_time: of the
+    controller, s; found from the log if None.  enabled: whether the plant was on; all of it if None.
     """
     if interval > HORIZON:
         return f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster"
@@ -314,56 +273,37 @@ def fit_loop_model(
     plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, is_held, sign)
     if plant is None:
         return "no plant that answers the valve explains the log: the temperature hardly follows the command"
-    action = "cooling" if pi.kp > 0.0 else "heating"
-    fitted = FittedLoop(
-        abs(pi.kp), pi.ti, pi.sample_time, action, plant.gain, margin(pi, plant), pi.explained, plant.explained,
-        backlash, stroke_time, pi, plant,
-        day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval)),
-    )  # fmt: skip
+    day = _day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval))
+    fitted = FittedLoop(pi, plant, day, backlash, stroke_time, margin(pi, plant))
     return fitted._replace(doubt=_doubt(fitted, command, temperature, T_set))
 
 
 def what_if(
-    fitted: FittedLoop,
-    backlash: float | None = None,
-    kp_factor: float = 1.0,
-    ti_factor: float = 1.0,
-    estimate: float = 0.0,
-    buffer: float = 0.0,
-) -> Outcome | str:
+    fitted: FittedLoop, backlash: float | None = None, kp_factor: float = 1.0, ti_factor: float = 1.0,
+    estimate: float = 0.0, buffer: float = 0.0,
+) -> Outcome | str:  # fmt: skip
     """What the logged day would have been with another backlash, kp, ti, or with a backlash inverse.
 
     A sentence where the answer turns on less than the fit can know: what changes is simulated with ``GAIN_ERROR`` more
-    and less loop gain too, and all three have to agree.
-
-    Parameters
-    ----------
-    backlash
-        Fraction of stroke; that of the fit if None.
-    kp_factor, ti_factor
-        Times the kp and ti of the log.
-    estimate, buffer
-        Of the inverse, fractions of stroke; an estimate of 0 is the plain PI.
+    and less loop gain too, and all three have to agree.  backlash: that of the fit if None.  kp_factor, ti_factor:
+    times the kp and ti of the log.  estimate, buffer: of the inverse; an estimate of 0 is the plain PI.
     """
     size = fitted.backlash if backlash is None else backlash
-
-    def with_gain(factor: float) -> Outcome:
-        pi = fitted.pi._replace(kp=factor * kp_factor * fitted.pi.kp, ti=ti_factor * fitted.pi.ti)
-        played = play(fitted.plant, pi, fitted.day, fitted.stroke_time, size, estimate, buffer)
-        return outcome_of(played, fitted.day, fitted.plant.step)
-
-    found = with_gain(1.0)
+    found = fitted.played(size, kp_factor, ti_factor, estimate, buffer)
     if (size, kp_factor, ti_factor, estimate) == (fitted.backlash, 1.0, 1.0, 0.0):
         return found  # the log itself, which is known
-    more, less = with_gain(GAIN_ERROR), with_gain(1.0 / GAIN_ERROR)
+    more, less = (
+        fitted.played(size, factor * kp_factor, ti_factor, estimate, buffer)
+        for factor in (GAIN_ERROR, 1.0 / GAIN_ERROR)
+    )
+    gain = f"{100 * (GAIN_ERROR - 1.0):.0f} %"
     if not found.hunts == more.hunts == less.hunts:
-        turns_on = f"{100 * (GAIN_ERROR - 1.0):.0f} % of its gain"
-        return f"whether the loop would hunt turns on {turns_on}, which the log does not tell"
+        return f"whether the loop would hunt turns on {gain} of its gain, which the log does not tell"
     errors = [found.rmse, more.rmse, less.rmse]
     if not max(errors) < LARGEST_SPREAD * min(errors):
         return (
-            f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: it turns on "
-            f"{100 * (GAIN_ERROR - 1.0):.0f} % of the loop's gain, which the log does not tell"
+            f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: it turns on {gain} of the loop's "
+            "gain, which the log does not tell"
         )
     return found
 
@@ -406,8 +346,8 @@ def _period(temperature: Array, T_set: Array, good: Mask, interval: float) -> fl
 def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
     """Why the fitted loop is not to be trusted, or nothing: it has to repeat the log that it was fitted to."""
     day, plant = fitted.day, fitted.plant
-    played = play(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash, 0.0, 0.0)
-    counted = counted_steps(day, plant.step)[:: plant.per_sample]
+    played = play(plant, fitted.pi, day, fitted.stroke_time, fitted.backlash)
+    counted = _counted_steps(day, plant.step)[:: plant.per_sample]
     at = slice(None, None, plant.per_sample)
     true = temperature - day.noise[at]
     logged = float(np.sqrt(np.mean((true - T_set)[counted] ** 2)))

@@ -21,43 +21,34 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.measured.grid import motor_positions, openings
 
-HELD = 1e-9
-"""A command that changes by less is held."""
+HELD = 1e-9  # a command that changes by less is held
 LEAST_CHANGES, LEAST_PI_ROWS = 20, 30
-BUSY = 20
-"""Changes of the command in a row whose mean distance is the sample time, where it is shortest."""
-EXACT = 1e-3
-"""Residual, as a share of the changes, below which the log holds every sample of the controller."""
-ROW_LAGS = (1, 2, 4)
-"""Changes that a row of the fit spans."""
-USUAL = 10.0
-"""Seconds between samples of a controller that a coarser log does not resolve."""
+BUSY = 20  # changes of the command in a row whose mean distance is the sample time, where it is shortest
+EXACT = 1e-3  # residual, as a share of the changes, below which the log holds every sample of the controller
+ROW_LAGS = (1, 2, 4)  # changes that a row of the fit spans
+USUAL = 10.0  # seconds between samples of a controller that a coarser log does not resolve
 LESS = 0.9
 """Share of what one sample leaves unexplained that the sample before may leave at most to be taken in its place."""
-LEAST_EXPLAINED = 0.9
-"""Share of the variance of the command's changes that a PI has to explain."""
-EDGE = 1e-6
-"""A command this close to 0 or 1 is saturated."""
-
-
-class Fit(NamedTuple):
-    """kp and kp/ti, and the share explained."""
-
-    kp: float
-    ki: float
-    explained: float
+LEAST_EXPLAINED = 0.9  # share of the variance of the command's changes that a PI has to explain
+EDGE = 1e-6  # a command this close to 0 or 1 is saturated
 
 
 class RecoveredPI(NamedTuple):
-    """A PI controller, Δu = kp Δe + kp (sample_time/ti) e with e = T - T_set.
+    """A PI controller, Δu = kp Δe + kp (sample_time/ti) e with e = T - T_set."""
 
-    kp: 1/K, below 0 for heating.  ti, sample_time: s.  explained: share of the variance of the command's changes.
-    """
+    kp: float  # 1/K, below 0 for heating
+    ti: float  # s
+    sample_time: float  # s
+    explained: float  # share of the variance of the command's changes
 
+
+class _Fit(NamedTuple):
     kp: float
-    ti: float
-    sample_time: float
+    ki: float  # kp/ti
     explained: float
+
+    def pi(self, sample_time: float) -> RecoveredPI:
+        return RecoveredPI(self.kp, self.kp / self.ki if self.ki else np.inf, sample_time, self.explained)
 
 
 def recover_pi(
@@ -65,14 +56,7 @@ def recover_pi(
 ) -> RecoveredPI | str:
     """Find kp, ti and, if it is not given, the sample time; a sentence if the command follows no PI.
 
-    Parameters
-    ----------
-    command, temperature, T_set
-        (n,): fraction of stroke, °C, °C.
-    interval
-        Seconds from sample to sample of the log.
-    good
-        (n,): samples that may be used.
+    command, temperature, T_set: (n,), fraction of stroke, °C, °C.  good: (n,), samples that may be used.
     """
     changes = np.flatnonzero((np.abs(np.diff(command)) > HELD) & good[1:] & good[:-1]) + 1
     if changes.size < LEAST_CHANGES:
@@ -132,12 +116,12 @@ def _slower(command: Array, error: Array, changes: Index, interval: float, every
     one = np.abs(apart - every) < max(interval, 0.5 * every) - HELD
     total = np.concatenate([[0.0], np.cumsum(every * error[changes])])
 
-    def rows(lag: int) -> tuple[Index, Index, Array]:
+    def rows(lag: int) -> _Rows:
         all_one = np.flatnonzero(_moving_sum(one, lag) == lag)
         return changes[all_one], changes[all_one + lag], total[all_one + lag + 1] - total[all_one + 1]
 
     fit = _best_pi(command, error, rows)
-    return fit and RecoveredPI(fit.kp, _ti(fit.kp, fit.ki), every, fit.explained)
+    return fit and fit.pi(every)
 
 
 def _faster(
@@ -148,10 +132,10 @@ def _faster(
     The temperature runs straight between them, and the set-point holds.
     """
 
-    def fit_of(sums: Array) -> Fit | None:
+    def fit_of(sums: Array) -> _Fit | None:
         total = np.concatenate([[0.0], np.cumsum(np.where(good[1:] & good[:-1], sums, 0.0))])
 
-        def rows(lag: int) -> tuple[Index, Index, Array]:
+        def rows(lag: int) -> _Rows:
             first = np.flatnonzero(_moving_sum(good, lag + 1) == lag + 1)
             return first, first + lag, total[first + lag] - total[first]
 
@@ -159,18 +143,11 @@ def _faster(
 
     fit = fit_of(interval * error[1:])
     if fit is not None and 1.0 - fit.explained < EXACT**2:
-        return RecoveredPI(fit.kp, _ti(fit.kp, fit.ki), interval, fit.explained)
+        return fit.pi(interval)
     fit = fit_of(between)
-    if fit is None:
-        return None
     # each sample adds the new error before use: half a sample more than the straight line
     every = min(0.5 * interval, USUAL) if given is None else given
-    kp = fit.kp - 0.5 * every * fit.ki
-    return RecoveredPI(kp, _ti(kp, fit.ki), every, fit.explained)
-
-
-def _ti(kp: float, ki: float) -> float:
-    return kp / ki if ki else np.inf
+    return fit and fit._replace(kp=fit.kp - 0.5 * every * fit.ki).pi(every)
 
 
 def _moving_sum(flags: Mask, width: int) -> Index:
@@ -178,7 +155,11 @@ def _moving_sum(flags: Mask, width: int) -> Index:
     return np.asarray(total[width:] - total[:-width])
 
 
-def _best_pi(command: Array, error: Array, rows: Callable[[int], tuple[Index, Index, Array]]) -> Fit | None:
+_Rows = tuple[Index, Index, Array]
+"""Samples before and after each change that is compared, and the integral of the error between them."""
+
+
+def _best_pi(command: Array, error: Array, rows: Callable[[int], _Rows]) -> _Fit | None:
     """The fit over the lag that explains most.
 
     A log whose samples fall between those of the controller sees one of these now and two then; a longer lag evens
@@ -188,8 +169,8 @@ def _best_pi(command: Array, error: Array, rows: Callable[[int], tuple[Index, In
     return max(fits, key=lambda fit: fit.explained, default=None)
 
 
-def _regressed(command: Array, error: Array, before: Index, after: Index, integral: Array) -> Fit | None:
-    """(kp, kp/ti, share explained) from changes of the command; saturated ones, and those of the integral, left out."""
+def _regressed(command: Array, error: Array, before: Index, after: Index, integral: Array) -> _Fit | None:
+    """The PI of changes of the command; saturated ones, and those of a saturated integral, are left out."""
     du, de = command[after] - command[before], error[after] - error[before]
     inside = np.minimum(command[before], command[after]) > EDGE
     inside &= np.maximum(command[before], command[after]) < 1.0 - EDGE
@@ -202,40 +183,31 @@ def _regressed(command: Array, error: Array, before: Index, after: Index, integr
         sums = np.stack([command[i] - kp * error[i] for i in (before, after)])
         kept = inside & (sums.min(axis=0) > EDGE) & (sums.max(axis=0) < 1.0 - EDGE)
     left = du[kept] - X[kept] @ (kp, ki)
-    return Fit(float(kp), float(ki), 1.0 - float(left @ left) / float(du[kept] @ du[kept]))
+    return _Fit(float(kp), float(ki), 1.0 - float(left @ left) / float(du[kept] @ du[kept]))
 
 
-STEP = 5.0
-"""The loop is simulated at this many seconds or less."""
+STEP = 5.0  # the loop is simulated at this many seconds or less
 PLANT_LAGS = (5.0, 12.0, 25.0, 45.0, 80.0, 140.0)
-DELAYS = (0.0, 10.0, 20.0)
-"""Seconds, tried first; then the neighbours of the best."""
+DELAYS = (0.0, 10.0, 20.0)  # seconds, as the lags, tried first; then the neighbours of the best
 APART, MEMORY = 15.0, 120.0
 """Seconds between the changes that are compared, and over which the autoregression remembers."""
 ROUNDS = 3
-PRECISION = 0.01
-"""Of the prior of the curve's coefficients, 1/K², as in ``identify``."""
+PRECISION = 0.01  # of the prior of the curve's coefficients, 1/K², as in ``identify``
 LEAST_PLANT_ROWS = 60
 
 
 class FittedPlant(NamedTuple):
-    """A plant and its day.
+    """A plant and its day."""
 
-    curve: c₁, c₂, K per stroke; beyond the openings from ``least`` to ``most`` it goes on straight.
-    lags: s.  delay: whole steps.  step: s of the simulation, a whole number of them to a sample of the log.
-    disturbance: (n,), K, at the samples of the log.
-    explained: share of the whitened changes of the temperature that the opening explains.
-    """
-
-    curve: tuple[float, float]
+    curve: tuple[float, float]  # c₁, c₂, K per stroke; straight beyond the openings from ``least`` to ``most``
     least: float
     most: float
-    lags: tuple[float, float]
-    delay: int
-    step: float
-    per_sample: int
-    disturbance: Array
-    explained: float
+    lags: tuple[float, float]  # s
+    delay: int  # steps
+    step: float  # of the simulation, s
+    per_sample: int  # steps to a sample of the log
+    disturbance: Array  # (n,), K, at the samples of the log
+    explained: float  # share of the whitened changes of the temperature that the opening explains
 
     def slope(self, opening: float) -> float:
         """K per stroke at an opening, once all has settled."""
@@ -248,43 +220,29 @@ class FittedPlant(NamedTuple):
 
 
 def fit_plant(
-    command: Array,
-    temperature: Array,
-    good: Mask,
-    interval: float,
-    backlash: float,
-    stroke_time: float,
-    is_held: bool,
-    sign: float,
-) -> FittedPlant | None:
+    command: Array, temperature: Array, good: Mask, interval: float, backlash: float, stroke_time: float,
+    is_held: bool, sign: float,
+) -> FittedPlant | None:  # fmt: skip
     """Fit the plant between command and temperature; None if no plant with gains of the ``sign`` explains the log.
 
-    Parameters
-    ----------
-    command, temperature
-        (n,), without NaN: fraction of stroke, °C.
-    good
-        (n,): samples that may be used.
-    is_held
-        Whether the command is held between samples of the log; else it runs straight.
-    sign
-        -1 where a higher opening lowers the temperature, else 1.
+    command, temperature: (n,), without NaN: fraction of stroke, °C.  good: (n,), samples that may be used.  is_held:
+    whether the command is held between samples of the log; else it runs straight.  sign: -1 where a higher opening
+    lowers the temperature, else 1.
     """
     per_sample = math.ceil(interval / STEP)
     step = interval / per_sample
     at = np.arange((command.size - 1) * per_sample + 1) / per_sample
     fine = command[at.astype(int)] if is_held else np.interp(at, np.arange(command.size), command)
-    position = motor_positions(fine, step / stroke_time if stroke_time > 0.0 else 1.0)[:-1]
-    opening = openings(position, np.array([backlash]))[:, 0]
+    opening = openings(motor_positions(fine, step, stroke_time)[:-1], backlash)
     seen = opening[::per_sample][good]
-    rows = _Rows(temperature, good, interval)
+    rows = _Changes(temperature, good, interval)
     if rows.used.sum() < LEAST_PLANT_ROWS:
         return None
     for powers in (2, 1):
         found = _searched(np.stack([opening**k for k in range(1, powers + 1)], axis=1), rows, step, per_sample)
         curve = (float(found.curve[0]), float(found.curve[1]) if powers > 1 else 0.0)
         plant = FittedPlant(
-            curve, float(seen.min()), float(seen.max()), found.lags, found.delay, step, per_sample,
+            curve, float(seen.min()), float(seen.max()), (found.slow, found.fast), found.delay, step, per_sample,
             temperature - found.filtered @ found.curve, found.explained,
         )  # fmt: skip
         if min(sign * plant.slope(opening) for opening in (plant.least, plant.most)) > 0.0:
@@ -292,7 +250,7 @@ def fit_plant(
     return None
 
 
-class _Rows:
+class _Changes:
     """Changes of series of the log over about ``APART`` s, whitened, where all that they need may be used."""
 
     def __init__(self, temperature: Array, good: Mask, interval: float) -> None:
@@ -323,17 +281,18 @@ class _Rows:
 
 
 class _Found(NamedTuple):
-    """The best of a search; filtered: (n, powers), what the curve weights, at the samples of the log."""
+    """A point of the search."""
 
-    rss: float
-    lags: tuple[float, float]
-    delay: int
-    curve: Array
-    filtered: Array
-    explained: float
+    slow: float  # lags, s
+    fast: float
+    delay: int  # steps
+    filtered: Array  # (n, powers), what the curve weights, at the samples of the log
+    rss: float = math.inf
+    curve: Array = np.empty(0)
+    explained: float = 0.0
 
 
-def _searched(basis: Array, rows: _Rows, step: float, per_sample: int) -> _Found:
+def _searched(basis: Array, rows: _Changes, step: float, per_sample: int) -> _Found:
     """The best lags, delay and curve on the grid, then among the neighbours of these."""
     rows.memory = np.zeros(rows.order)
     grid = [
@@ -348,26 +307,23 @@ def _searched(basis: Array, rows: _Rows, step: float, per_sample: int) -> _Found
         best = _best(candidates, rows)
         rows.learn(rows.y - rows.changes(best.filtered) @ best.curve)
     near = (0.75, 1.0, 1.33)
-    slow, fast = best.lags
-    delays = {max(best.delay + more, 0) for more in (-1, 0, 1)}
-    grid = [(slow * a, fast * b, delay) for a in near for b in near for delay in sorted(delays)]
+    delays = sorted({max(best.delay + more, 0) for more in (-1, 0, 1)})
+    grid = [(best.slow * a, best.fast * b, delay) for a in near for b in near for delay in delays]
     return _best(_filtered(basis, grid, step, per_sample), rows)
 
 
-def _filtered(
-    basis: Array, grid: list[tuple[float, float, int]], step: float, per_sample: int
-) -> list[tuple[tuple[float, float, int], Array]]:
+def _filtered(basis: Array, grid: list[tuple[float, float, int]], step: float, per_sample: int) -> list[_Found]:
     """The basis behind the lags and delay of each point of a grid, at the samples of the log."""
     slows = sorted({slow for slow, _, _ in grid})
     pairs = sorted({(slow, fast) for slow, fast, _ in grid})
     once = lagged(np.repeat(basis[:, :, np.newaxis], len(slows), axis=2), _shares(slows, step))
     both = lagged(once[:, :, [slows.index(slow) for slow, _ in pairs]], _shares([fast for _, fast in pairs], step))
-    twice = {pair: both[:, :, k] for k, pair in enumerate(pairs)}
     found = []
     for slow, fast, delay in grid:
-        series = twice[slow, fast]
+        series = both[:, :, pairs.index((slow, fast))]
         early = np.repeat(series[:1], delay, axis=0)
-        found.append(((slow, fast, delay), np.concatenate([early, series[: series.shape[0] - delay]])[::per_sample]))
+        delayed = np.concatenate([early, series[: series.shape[0] - delay]])[::per_sample]
+        found.append(_Found(slow, fast, delay, delayed))
     return found
 
 
@@ -385,17 +341,16 @@ def lagged(series: Array, share: Array | float) -> Array:
     return found
 
 
-def _best(candidates: list[tuple[tuple[float, float, int], Array]], rows: _Rows) -> _Found:
+def _best(candidates: list[_Found], rows: _Changes) -> _Found:
     y = rows.whitened(rows.y)
     total = float(y @ y)
     precision = PRECISION * total / y.size
-    best: _Found | None = None
-    for (slow, fast, delay), filtered in candidates:
-        X = rows.whitened(rows.changes(filtered))
+    best = candidates[0]
+    for candidate in candidates:
+        X = rows.whitened(rows.changes(candidate.filtered))
         curve = np.asarray(np.linalg.solve(X.T @ X + precision * np.eye(X.shape[1]), X.T @ y), float)
         left = y - X @ curve
         rss = float(left @ left + precision * curve @ curve)
-        if best is None or rss < best.rss:
-            best = _Found(rss, (slow, fast), delay, curve, filtered, 1.0 - float(left @ left) / total)
-    assert best is not None
+        if rss < best.rss:
+            best = candidate._replace(rss=rss, curve=curve, explained=1.0 - float(left @ left) / total)
     return best

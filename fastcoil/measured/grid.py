@@ -15,41 +15,25 @@ from fastcoil.logs import Log
 from fastcoil.logs.series import counted
 from fastcoil.model.engine import recorded
 
-HELD = ("command", "T_set", "enabled")
-"""Keep their values until the next sample in every log."""
+HELD = ("command", "T_set", "enabled")  # keep their values until the next sample in every log
 LEAST_SAMPLES = 20
 _REGULAR, _NEARLY = 0.8, 0.25
 """A log is regular if this share of its steps are whole multiples of the median, to this share of it."""
 _FIRST_OF_TEN, _ROUNDED, _ALIKE = 0.1, 0.05, 2.0
 """Of the changes of a temperature logged at changes, half are below twice the smallest tenth."""
-_LEAST, _MOST = 1.0, 10.0
-"""Interval between the samples made of an irregular log, s."""
-_LONGEST_SILENCE = 600.0
-"""Of longer ones only so many seconds stay: nothing is looked for across them."""
-MOST_SAMPLES = 200_000
-"""Of the part that is diagnosed: 11 days of a log every 5 s."""
+_LEAST, _MOST = 1.0, 10.0  # interval between the samples made of an irregular log, s
+_LONGEST_SILENCE = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
+MOST_SAMPLES = 200_000  # of the part that is diagnosed: 11 days of a log every 5 s
 
 
 class Grid(NamedTuple):
-    """The series of a log at equal intervals.
+    """The series of a log at equal intervals."""
 
-    interval: s.  time: of each sample since the first of the log, s, (n,); it jumps where a long silence was cut out.
-    values: by name, (n,), NaN where missing.  on: whether the plant was on and the log there, (n,).  increment: by
-    which the temperature had to change to be logged, K; 0 where it was logged anyway.
-    """
-
-    interval: float
-    time: Array
-    values: dict[str, Array]
-    on: Mask
-    increment: float
-
-
-class _Rhythm(NamedTuple):
-    """The interval, s, and whether samples come at every interval; else each holds until the next."""
-
-    interval: float
-    regular: bool
+    interval: float  # s
+    time: Array  # since the first sample of the log, s, (n,); it jumps where a long silence was cut out
+    values: dict[str, Array]  # by name, (n,), NaN where missing
+    on: Mask  # whether the plant was on and the log there, (n,)
+    increment: float  # by which the temperature had to change to be logged, K; 0 where it was logged anyway
 
 
 def on_grid(log: Log) -> tuple[Grid, list[str]]:
@@ -66,25 +50,22 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
             f"{log.name}: {counted(forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed: "
             "give a longer log, or bridge its gaps: max_gap, --max-gap"
         )
-    found = _rhythm(log, forward, same)
-    notes = [] if found.regular else [
-        f"the samples come at irregular times: every series holds until its next one, taken every {found.interval:g} s"
-    ]  # fmt: skip
-    tick = _ticks(log, found.interval)
-    silent = int(np.ceil(_LONGEST_SILENCE / found.interval))
-    jumps = np.diff(tick)
-    cut = np.concatenate([[0], np.cumsum(np.where(same, 0, np.maximum(jumps - silent, 0)))])
+    interval, is_regular = _rhythm(log, forward, same)
+    tick = _ticks(log, interval)
+    silent = int(np.ceil(_LONGEST_SILENCE / interval))
+    cut = np.concatenate([[0], np.cumsum(np.where(same, 0, np.maximum(np.diff(tick) - silent, 0)))])
     at = tick - cut
     if at[-1] >= MOST_SAMPLES:
-        days = MOST_SAMPLES * found.interval / 86400
+        days = MOST_SAMPLES * interval / 86400
         raise InputError(
-            f"{log.name}: {at[-1] + 1:,} samples of {found.interval:g} s: give the most telling {days:.0f} days or less"
+            f"{log.name}: {at[-1] + 1:,} samples of {interval:g} s: give the most telling {days:.0f} days or less"
         )
-    return _filled(log, at, cut, found, same), notes
+    changes = f"the samples come at irregular times: every series holds until its next one, taken every {interval:g} s"
+    return _filled(log, at, interval, is_regular, same), [] if is_regular else [changes]
 
 
-def _rhythm(log: Log, forward: Array, same: Mask) -> _Rhythm:
-    """The interval of a log whose steps are ``forward``.
+def _rhythm(log: Log, forward: Array, same: Mask) -> tuple[float, bool]:
+    """The interval of a log whose steps are ``forward``, s, and whether samples come at every interval.
 
     A log of changes never repeats a row: one that misses some intervals, and repeats none, is such a log as well.
     """
@@ -95,10 +76,10 @@ def _rhythm(log: Log, forward: Array, same: Mask) -> _Rhythm:
     one = near & (whole == 1.0)
     repeats = np.all([np.diff(log.values[name]) == 0.0 for name in ("command", "T_sup")], axis=0) & same
     if near.mean() < _REGULAR or (one.mean() < _REGULAR and not repeats.any()):
-        return _Rhythm(float(np.clip(round(median), _LEAST, _MOST)), False)
+        return float(np.clip(round(median), _LEAST, _MOST)), False
     mean = float(forward[one].mean())
     # seconds are what loggers know: a mean of 9.998 s is 10 s with a little jitter
-    return _Rhythm(float(round(mean)) if abs(mean - round(mean)) < 0.01 * mean else mean, True)
+    return float(round(mean)) if abs(mean - round(mean)) < 0.01 * mean else mean, True
 
 
 def _ticks(log: Log, interval: float) -> Index:
@@ -107,36 +88,40 @@ def _ticks(log: Log, interval: float) -> Index:
     last = -1
     for piece in range(log.n_batches):
         here = log.batch == piece
-        start = max(int(np.rint(log.time[here][0] / interval)), last + 1)
-        since = log.time[here] - log.time[here][0]
-        ticks[here] = start + np.rint(since / interval).astype(np.int64)
+        time = log.time[here]
+        start = max(int(np.rint(time[0] / interval)), last + 1)
+        ticks[here] = start + np.rint((time - time[0]) / interval).astype(np.int64)
         last = int(ticks[here][-1])
     return ticks
 
 
-def _filled(log: Log, at: Index, cut: Index, found: _Rhythm, same: Mask) -> Grid:
+def _filled(log: Log, at: Index, interval: float, is_regular: bool, same: Mask) -> Grid:
     """Every series at 0, 1, … intervals: the latest sample in each, held where the log is of changes."""
     n = int(at[-1]) + 1
-    source = np.full(n, -1)
-    source[at] = np.arange(at.size)  # of samples in one interval the last counts
-    held = np.maximum.accumulate(source)
-    breaks = np.flatnonzero(~same)
     silent = np.zeros(n, dtype=bool)
-    for k in breaks:
+    for k in np.flatnonzero(~same):
         silent[at[k] + 1 : at[k + 1]] = True
-    index = np.arange(n)
+    latest = _last(np.ones(at.size, dtype=bool), at, n)
     values: dict[str, Array] = {}
     for name, series in log.values.items():
-        if name in HELD or not found.regular:
-            values[name] = np.where(silent, np.nan, _last_known(series, at, n))
+        if name in HELD or not is_regular:
+            last = _last(np.isfinite(series), at, n)
+            values[name] = np.where(silent | (last < 0), np.nan, series[last])
         else:
-            values[name] = np.where(source >= 0, series[np.maximum(source, 0)], np.nan)
+            values[name] = np.full(n, np.nan)
+            values[name][at] = series  # of samples in one interval the last counts
     on = ~silent
     if "enabled" in values:
         on &= np.nan_to_num(values["enabled"]) > 0.0
-    since = np.arange(n) - at[np.searchsorted(at, index, side="right") - 1]
-    time = log.time[held] + since * found.interval
-    return Grid(found.interval, time, values, on, increment_of(log.values["T_sup"]))
+    time = log.time[latest] + (np.arange(n) - at[latest]) * interval
+    return Grid(interval, time, values, on, increment_of(log.values["T_sup"]))
+
+
+def _last(known: Mask, at: Index, n: int) -> Index:
+    """The last sample that is known up to each of n intervals; -1 before the first.  at: interval of each sample."""
+    found = np.full(n, -1)
+    found[at[known]] = np.flatnonzero(known)
+    return np.asarray(np.maximum.accumulate(found))
 
 
 def increment_of(temperature: Array) -> float:
@@ -156,40 +141,31 @@ def increment_of(temperature: Array) -> float:
     return least if alike and not rounded else 0.0
 
 
-def _last_known(series: Array, at: Index, n: int) -> Array:
-    """The last value that is not missing, up to each interval."""
-    known = np.flatnonzero(np.isfinite(series))
-    found = np.full(n, np.nan)
-    if known.size:
-        latest = np.full(n, -1)
-        latest[at[known]] = known
-        latest = np.maximum.accumulate(latest)
-        found = np.where(latest >= 0, series[np.maximum(latest, 0)], np.nan)
-    return found
+def held(series: Array) -> Array:
+    """Missing values replaced by the last before them, those at the beginning by the first there is."""
+    known = np.isfinite(series)
+    last = _last(known, np.arange(series.size), series.size)
+    return series[np.where(last < 0, np.argmax(known), last)]
 
 
-def motor_positions(command: Array, most_travel: float) -> Array:
+def motor_positions(command: Array, interval: float, stroke_time: float) -> Array:
     """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
 
-    command: fraction of stroke, held from sample to sample; most_travel: fraction of stroke between two samples.  The
-    motor stands at the first command when the log begins.
+    command: fraction of stroke, held for ``interval`` s; stroke_time: s, 0 if it is as good as immediate.  The motor
+    stands at the first command when the log begins.
     """
     positions = np.empty(command.size + 1)
-    recorded.motor_positions(np.ascontiguousarray(command, float), most_travel, positions)
+    travel = interval / stroke_time if stroke_time > 0.0 else 1.0
+    recorded.motor_positions(np.ascontiguousarray(command, float), travel, positions)
     return positions
 
 
-def openings(positions: Array, backlash: Array) -> Array:
-    """Opening behind each candidate backlash, Eq (1), at each position: (positions, candidates).
-
-    The stem starts in the middle of its play: where it stood when the log began is unknown.
-    """
-    least = positions[:, np.newaxis] - backlash
-    q = np.clip(positions[0] - backlash / 2.0, 0.0, 1.0 - backlash)
-    found = np.empty_like(least)
-    for k, position in enumerate(positions):
-        np.maximum(q, least[k], out=q)
-        np.minimum(q, position, out=q)
+def openings(positions: Array, backlash: float) -> Array:
+    """Opening behind a backlash, Eq (1), at each position; the stem starts in the middle of its play."""
+    q = min(max(float(positions[0]) - backlash / 2.0, 0.0), 1.0 - backlash)
+    found = np.empty_like(positions)
+    for k, position in enumerate(positions.tolist()):
+        q = min(max(q, position - backlash), position)
         found[k] = q
     return found / (1.0 - backlash)
 
@@ -199,21 +175,6 @@ def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array,
 
     A piece is ``width`` intervals between positions; the last that is not complete is left out.
     """
-    openings = np.empty(((positions.size - 1) // width, backlash.size))
-    squares = np.empty_like(openings)
+    openings, squares = np.empty((2, (positions.size - 1) // width, backlash.size))
     recorded.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
     return openings, squares
-
-
-def turns(positions: Array, least: float) -> int:
-    """How often the motor turns and then comes back by more than ``least`` (fraction of stroke)."""
-    count, direction, extreme = 0, 0, float(positions[0])
-    for position in positions.tolist():
-        back = (position - extreme) * (direction or 1)
-        if (direction == 0 and abs(back) > least) or (direction != 0 and back < -least):
-            count += direction != 0
-            direction = 1 if position > extreme else -1
-            extreme = position
-        elif direction != 0 and back > 0.0:
-            extreme = position
-    return count

@@ -21,15 +21,15 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.grid import mean_openings, motor_positions, turns
+from fastcoil.measured.grid import held, mean_openings, motor_positions
+from fastcoil.measured.part import turns
 
 LEAST_SET_POINT_CHANGE, LEAST_SET_POINT_CHANGES = 0.3, 2
 USUAL, JUMP, LEAST_JUMPS, APART = 0.9, 4.0, 3, 600.0
 """What a change of the command leaves unexplained is a jump if it exceeds this quantile of all that many times.  A
 start-up makes some, so that three are asked for, these many seconds apart."""
 FEWEST, CLOSED = 40, 1e-3
-TO_AND_FRO = 0.01
-"""Of the stroke: what a command moves one way and straight back, sample by sample."""
+TO_AND_FRO = 0.01  # of the stroke: what a command moves one way and straight back, sample by sample
 FARTHEST, EXPLAINED, CLEARER = 4, 0.8, 3.0
 """Samples by which columns are moved at most; a shift is reported where the control law explains that share of the
 variance with it, and leaves so many times less of it than without."""
@@ -146,22 +146,10 @@ class Likelihood(NamedTuple):
 def likelihoods(
     temperature: Array, positions: Array, disturbances: Sequence[Array], good: Mask, interval: float, candidates: Array
 ) -> Likelihood | None:
-    """Compare candidate sizes of the backlash; None if the log is too short.
+    """Compare candidate sizes of the backlash, fractions of stroke from 0; None if the log is too short.
 
-    Parameters
-    ----------
-    temperature
-        (n,), °C.
-    positions
-        (n + 1,), of the motor, see ``motor_positions``.
-    disturbances
-        Each (n,): what else moves the temperature and is in the log.
-    good
-        (n,): samples that may be used.  A row of the model uses all its lags or is left out.
-    interval
-        Seconds from sample to sample.
-    candidates
-        Fractions of stroke, from 0.
+    temperature: (n,), °C.  positions: (n + 1,), of the motor.  disturbances: each (n,), what else moves the temperature
+    and is in the log.  good: (n,), samples that may be used; a row of the model uses all its lags or is left out.
     """
     n, width = temperature.size, max(1, round(HORIZON / interval))
     span = (max(OWN_LAGS, OPENING_LAGS) + 1) * width + 1
@@ -222,22 +210,17 @@ def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
     return np.asarray(-0.5 * freedom * np.log(left / total) - 0.5 * np.linalg.slogdet(unit + gram / precision)[1])
 
 
-CANDIDATES = np.arange(0.0, 0.2501, 0.0025)
-"""Sizes that are tried, fractions of stroke."""
-SURE = 0.95
-"""Probability of being right from which a size counts as identified."""
-CONFIDENCE = 0.95
-"""Of the interval."""
+CANDIDATES = np.arange(0.0, 0.2501, 0.0025)  # sizes that are tried, fractions of stroke
+SURE = 0.95  # probability of being right from which a size counts as identified
+CONFIDENCE = 0.95  # of the interval
 WEIGHT, WEIGHT_REACTION = 0.8, 0.3
 """Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
 normal.  Chosen on separate populations, see ``studies/diagnosis/diagnosis.py``."""
-GOOD = 0.01
-"""Up to this backlash a valve is called good; also the least tolerance of a size, beside ``TOLERANCE`` of it."""
-TOLERANCE = 0.2
+TOLERANCE, GOOD = 0.2, 0.01
+"""A size is known if it is right to this share of itself or of the stroke; up to ``GOOD`` a valve is called good."""
 LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
-USUAL_STROKE_TIME = 90.0
-"""Seconds, where it is not given."""
+USUAL_STROKE_TIME = 90.0  # s, where it is not given
 LEAST_TURN = 0.005
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
@@ -248,25 +231,18 @@ that counts of a log with more."""
 
 
 class Identification(NamedTuple):
-    """The backlash as a log shows it.
+    """The backlash as a log shows it."""
 
-    backlash: the most probable size, fraction of stroke; NaN where the log was not fit to compare any.
-    low, high: interval of 95 %.
-    identified: whether the size is right, to 20 % of itself or 1 % of stroke, with 95 % probability.
-    reason: why not; empty if identified.
-    candidates, probability: the profile.
-    late: seconds by which the temperatures of the log stand late beside the commands; they were moved back by that.
-    Negative: the commands stand late, or their controller is slow to read; both were reckoned with.
-    """
-
-    backlash: float
-    low: float
+    backlash: float  # the most probable size, fraction of stroke; NaN where the log was not fit to compare any
+    low: float  # interval of 95 %
     high: float
-    identified: bool
-    reason: str
+    identified: bool  # whether the size is right, to 20 % of itself or 1 % of stroke, with 95 % probability
+    reason: str  # why not; empty if identified
     candidates: Array
     probability: Array
     late: float = 0.0
+    """Seconds by which the temperatures of the log stand late beside the commands; they were moved back by that.
+    Negative: the commands stand late, or their controller is slow to read; both were reckoned with."""
 
 
 def identify_backlash(
@@ -307,16 +283,15 @@ def identify_backlash(
         return _cannot(f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster")
     if not good.any():
         return _cannot("no sample has both a command and a temperature with the plant on")
-    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
-    travel = interval / seconds if seconds > 0.0 else 1.0
+    stroke_time = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     log = _Log(held(command), held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
-    positions = motor_positions(log.command, travel)
+    positions = motor_positions(log.command, interval, stroke_time)
     if turns(positions, LEAST_TURN) == 0:
         return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
     samples = late(log.command, log.temperature, good)
     # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
     logs = [log.moved(samples)] if samples >= 0 else [log, log.moved(samples)]
-    found = [each for each in (_compared(one, interval, travel) for one in logs) if each is not None]
+    found = [each for each in (_compared(one, interval, stroke_time) for one in logs) if each is not None]
     if not found:
         return _cannot("too little of the log can be used, or its temperature stands still: log for two hours or more")
     provoked = is_provoked(log.command, log.temperature, good, T_set, interval)
@@ -353,8 +328,8 @@ class _Log(NamedTuple):
         return _Log(self.command[at], self.temperature[seen], disturbances, self.good[at] & self.good[seen])
 
 
-def _compared(log: _Log, interval: float, travel: float) -> Likelihood | None:
-    positions = motor_positions(log.command, travel)
+def _compared(log: _Log, interval: float, stroke_time: float) -> Likelihood | None:
+    positions = motor_positions(log.command, interval, stroke_time)
     return likelihoods(log.temperature, positions, log.disturbances, log.good, interval, CANDIDATES)
 
 
@@ -405,12 +380,6 @@ def _interval(probability: Array) -> tuple[float, float]:
     low = CANDIDATES[np.argmax(below > 0.5 * (1.0 - CONFIDENCE))] - step
     high = CANDIDATES[np.argmax(below >= 0.5 * (1.0 + CONFIDENCE) - 1e-12)] + step
     return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))
-
-
-def held(series: Array) -> Array:
-    """Missing values replaced by the last before them, those at the beginning by the first there is."""
-    known = np.flatnonzero(np.isfinite(series))
-    return series[known[np.maximum(np.searchsorted(known, np.arange(series.size), side="right") - 1, 0)]]
 
 
 def _cannot(reason: str) -> Identification:

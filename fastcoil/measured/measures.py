@@ -7,45 +7,31 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fastcoil.base.arrays import Array, Mask
+from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.measured.fitted_loop import FittedLoop
 from fastcoil.measured.grid import Grid, motor_positions
-from fastcoil.measured.identify import USUAL_STROKE_TIME
 
-REGULAR = 1.0
-"""Regularity from which a swing counts as regular: Thornhill, Huang and Zhang, J. Process Control 13 (2003) 91."""
-_LEAST_SHARE, _LEAST_PERIODS = 0.5, 8
-"""A regular swing makes up at least this share of the variance, and is seen so many times."""
-LEAST_SWING = 0.1
-"""Peak to peak below which a swing does not matter, K."""
-_LEVELS = (600.0, 1800.0, 3600.0)
-"""Seconds of the running means that take slower changes away; periods up to _LONGER of that are looked for."""
-_LONGER = 1.2
+# when a swing counts as regular
+REGULAR = 1.0  # regularity above this: Thornhill, Huang and Zhang, J. Process Control 13 (2003) 91
+_LEAST_SHARE, _LEAST_PERIODS = 0.5, 8  # of the variance, and seen so many times
+LEAST_SWING = 0.1  # peak to peak below which a swing does not matter, K
+_LEVELS, _LONGER = (600.0, 1800.0, 3600.0), 1.2
+"""Seconds of the running means that take slower changes away; periods up to ``_LONGER`` of that are looked for."""
 _SHOWN, _SHOWN_CLEARLY, _CLEAR = 3, 2, 0.7
 """Periods in the longest unbroken stretch, at least; fewer will do where so large a share is periodic."""
-_INTERVALS = 10
-"""Intervals between zero crossings of the autocovariance that are compared, at most."""
-_FEWEST = 4
-_MINDFUL = 0.1
-"""Share of the longest lag's pairs that must be there, against those of lag 0."""
-_SMOOTH = 12
-"""The mean over this part of the period takes the noise away before the swing is measured."""
+_INTERVALS, _FEWEST = 10, 4  # intervals between zero crossings of the autocovariance that are compared
+_MINDFUL = 0.1  # share of the longest lag's pairs that must be there, against those of lag 0
+_SMOOTH = 12  # the mean over this part of the period takes the noise away before the swing is measured
 
 
 class Swing(NamedTuple):
-    """A swing of a series.
+    """A swing of a series."""
 
-    period: s; NaN if none can be resolved.  regularity: a third of the mean over the standard deviation of the
-    intervals between zero crossings of the autocovariance.  share: of the variance that is periodic, the
-    autocovariance one period away over that at 0.  peak_to_peak: mean over the periods, in the unit of the series,
-    noise smoothed.  periods: how many whole ones the series has.
-    """
-
-    period: float
-    regularity: float
-    share: float
-    peak_to_peak: float
-    periods: float
+    period: float  # s; NaN if none can be resolved
+    regularity: float  # a third of the mean over the deviation of the intervals between zero crossings
+    share: float  # of the variance that is periodic: the autocovariance one period away over that at 0
+    peak_to_peak: float  # mean over the periods, in the unit of the series, noise smoothed
+    periods: float  # how many whole ones the series has
 
     @property
     def is_regular(self) -> bool:
@@ -83,27 +69,35 @@ def swing_of(series: Array, good: Mask, interval: float) -> Swing:
     return found
 
 
+def runs(where: Mask) -> Index:
+    """First sample of each unbroken stretch, and the one behind its last, (stretches, 2)."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
+    return ends.reshape(-1, 2)
+
+
 def longest_run(good: Mask) -> int:
     """Samples of the longest unbroken stretch."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    return int(np.max(ends[1::2] - ends[::2], initial=0))
+    return int(np.max(np.diff(runs(good)), initial=0))
 
 
 def _from_autocovariance(rest: Array, good: Mask, interval: float) -> Swing:
     covariance = _autocovariance(rest, good)
-    if covariance[0] <= 0.0:
+    at = np.flatnonzero(np.signbit(covariance[1:]) != np.signbit(covariance[:-1]))
+    if covariance[0] <= 0.0 or at.size < _FEWEST + 1:
         return NO_SWING
-    crossings = _crossings(covariance)
-    if crossings.size < _FEWEST + 1:
-        return NO_SWING
+    crossings = at + covariance[at] / (covariance[at] - covariance[at + 1])
     between = np.diff(crossings)[:_INTERVALS] * interval
     spread = float(between.std(ddof=1))
     regularity = float(between.mean()) / (3.0 * spread) if spread > 0.0 else np.inf
     period = 2.0 * float(between.mean())
     lag = min(round(period / interval), covariance.size - 1)
-    share = float(covariance[lag] / covariance[0])
-    size = _peak_to_peak(rest, good, period / interval)
-    return Swing(period, regularity, share, size, float(good.sum()) * interval / period)
+    samples = period / interval
+    smooth = running_mean(rest, good, max(1, round(samples / _SMOOTH)))  # of noise
+    sizes = _spans(smooth, good, max(2, round(samples)))
+    size = float(sizes.mean()) if sizes.size else np.nan
+    return Swing(
+        period, regularity, float(covariance[lag] / covariance[0]), size, float(good.sum()) * interval / period
+    )
 
 
 def _autocovariance(rest: Array, good: Mask) -> Array:
@@ -115,28 +109,11 @@ def _autocovariance(rest: Array, good: Mask) -> Array:
     return np.asarray(products[:last] / np.maximum(pairs[:last], 1.0))
 
 
-def _crossings(covariance: Array) -> Array:
-    """Lags at which the autocovariance crosses zero, between the samples."""
-    at = np.flatnonzero(np.signbit(covariance[1:]) != np.signbit(covariance[:-1]))
-    before, after = covariance[at], covariance[at + 1]
-    return np.asarray(at + before / (before - after))
-
-
-def _peak_to_peak(rest: Array, good: Mask, period: float) -> float:
-    """Mean of highest less lowest in each period, in which all samples are good; noise is smoothed before."""
-    width, n = max(1, round(period / _SMOOTH)), max(2, round(period))
-    smooth = running_mean(rest, good, width)
-    whole = rest.size // n
-    blocks, fine = smooth[: whole * n].reshape(whole, n), good[: whole * n].reshape(whole, n).all(axis=1)
-    return float(np.ptp(blocks[fine], axis=1).mean()) if fine.any() else np.nan
-
-
-def median_swing(series: Array, good: Mask, samples: int) -> float:
-    """Median of highest less lowest over so many samples in a row that are all good; NaN if there are none."""
+def _spans(series: Array, good: Mask, samples: int) -> Array:
+    """Highest less lowest over so many samples in a row, where all are good."""
     whole = series.size // samples
-    blocks = series[: whole * samples].reshape(whole, samples)
-    fine = good[: whole * samples].reshape(whole, samples).all(axis=1)
-    return float(np.median(np.ptp(blocks[fine], axis=1))) if fine.any() else np.nan
+    blocks, fine = (of[: whole * samples].reshape(whole, samples) for of in (series, good))
+    return np.asarray(np.ptp(blocks[fine.all(axis=1)], axis=1))
 
 
 def running_mean(series: Array, good: Mask, width: int) -> Array:
@@ -151,29 +128,17 @@ def running_mean(series: Array, good: Mask, width: int) -> Array:
     return np.asarray(total(np.where(good, series, 0.0)) / np.maximum(total(good.astype(float)), 1.0))
 
 
-SETTLED_AFTER = 600.0
-"""Seconds after a change of the set-point from which the loop counts as settled."""
-LEAST_CHANGE = 0.3
-"""Change of the set-point that counts, K, in one step or within the time above."""
-_END = 0.005
-"""A command so near to closed or open counts as that."""
+SETTLED_AFTER = 600.0  # seconds after a change of the set-point from which the loop counts as settled
+LEAST_CHANGE = 0.3  # change of the set-point that counts, K, in one step or within that time
+_END = 0.005  # a command so near to closed or open counts as that
 _AMPLITUDE = 0.1
 """Of the least oscillation that Hägglund's index counts, K: 1 % of the 10 K that a supply temperature ranges over."""
-_EVENTS, _SUPERVISED = 10, 50.0
-"""So many events within so many integral times are an oscillation."""
+_EVENTS, _SUPERVISED = 10, 50.0  # so many events within so many integral times are an oscillation
 _ORDER, _STEP, _AHEAD = 15, 30.0, 60.0
 """Order of the model of the error, its step [s], and the time that no controller can overtake [s]."""
 _LONG, _PEAKED = 5.0, 2.0
 """A half period counts for Hägglund's gap if it lasts so many integral times and its peak is below so many means."""
 _DAY = 86400.0
-
-
-class Index(NamedTuple):
-    """A number with its unit and its meaning; NaN where the log does not show it."""
-
-    value: float
-    unit: str
-    meaning: str
 
 
 def settled(T_set: Array, good: Mask, interval: float) -> Mask:
@@ -191,10 +156,8 @@ def settled(T_set: Array, good: Mask, interval: float) -> Mask:
 
 def in_control(command: Array, good: Mask, interval: float) -> Mask:
     """Where the valve was not closed or wide open for so long that the loop has no say, (n,)."""
-    at_end = good & ((command <= _END) | (command >= 1.0 - _END))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at_end, [False]]).astype(int)))
     found = good.copy()
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in runs(good & ((command <= _END) | (command >= 1.0 - _END))):
         if (last - first) * interval > SETTLED_AFTER:
             found[first:last] = False
     return found
@@ -230,15 +193,12 @@ def oscillation_index(e: Array, good: Mask, interval: float, ti: float) -> float
 
 
 class Halves(NamedTuple):
-    """Half periods of an error, between zero crossings.
+    """Half periods of an error, between zero crossings."""
 
-    end, duration: s.  iae: integral of its absolute value, K s.  peak: largest of it, K.
-    """
-
-    end: Array
+    end: Array  # s, as duration
     duration: Array
-    iae: Array
-    peak: Array
+    iae: Array  # integral of the absolute value, K s
+    peak: Array  # largest of it, K
 
 
 def half_periods(e: Array, good: Mask, interval: float) -> Halves:
@@ -296,93 +256,76 @@ def hagglund_gap(e: Array, good: Mask, interval: float, kp: float, ti: float, ga
     return float(np.median(d[counts])) if counts.any() else np.nan
 
 
-def rms(e: Array, good: Mask) -> float:
-    """Root mean square where good; NaN without samples."""
-    return float(np.sqrt(np.mean(e[good] ** 2))) if good.any() else np.nan
-
-
-COARSE = 60.0
-"""Interval beyond which a log misses the swings of most loops, s."""
-USUAL_PERIOD = 600.0
-"""Seconds, where the temperature shows no swing."""
+COARSE = 60.0  # interval beyond which a log misses the swings of most loops, s
+USUAL_PERIOD = 600.0  # s, where the temperature shows no swing
 LEAST_WATCHED, LEAST_PIECE = 3600.0, 600.0
 """Seconds of settled operation, and of its longest piece, after which a loop that does not swing may be called calm."""
-WIDE = 0.5
-"""Peak to peak of a swing above which no loop is called calm, K, although it does not come back regularly."""
+WIDE = 0.5  # peak to peak of a swing above which no loop is called calm, K, although it does not come back regularly
 
 
 class Measures(NamedTuple):
-    """What a log shows of its loop.
+    """What a log shows of its loop."""
 
-    error: control error where it is known, K, (n,); else of the temperature, °C.  has_error: which of the two.
-    calm: where the plant was on, in control and settled, (n,).  swing: of the error there.  position: of the motor,
-    (n,).  command_swing: median of highest less lowest command in a period.  indices: by name.  blind: why the log
-    could not show a swing; empty if it could.
-    """
-
-    error: Array
-    has_error: bool
-    calm: Mask
-    swing: Swing
-    position: Array
-    command_swing: float
-    indices: dict[str, Index]
-    blind: str
+    error: Array  # control error where it is known, K, (n,); else the temperature, °C
+    calm: Mask  # where the plant was on, in control and settled, (n,)
+    swing: Swing  # of the error there
+    position: Array  # of the motor, (n,)
+    command_swing: float  # median of highest less lowest command in a period
+    indices: dict[str, float]
+    blind: str  # why the log could not show a swing; empty if it could
 
 
-def measures_of(grid: Grid, stroke_time: float | None) -> Measures:
-    """Measure a log; ``stroke_time``: of the motor, s, the usual one if None."""
-    T, command = grid.values["T_sup"], grid.values["command"]
+def measures_of(grid: Grid, stroke_time: float) -> Measures:
+    """Measure a log; ``stroke_time``: of the motor, s."""
+    T, command, interval = grid.values["T_sup"], grid.values["command"], grid.interval
     T_set = grid.values.get("T_set")
     error = T if T_set is None else T - T_set
     good = grid.on & np.isfinite(error) & np.isfinite(command)
-    calm = in_control(command, good, grid.interval)
+    calm = in_control(command, good, interval)
     if T_set is not None:
-        calm &= settled(T_set, good, grid.interval)
+        calm &= settled(T_set, good, interval)
     error = np.where(good, error, 0.0)
-    swing = swing_of(error, calm, grid.interval)
-    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
+    swing = swing_of(error, calm, interval)
     known = np.where(np.isfinite(command), command, 0.0)
-    positions = motor_positions(known, grid.interval / seconds if seconds > 0.0 else 1.0)
-    strokes, turns = travel(positions, good, grid.interval)
+    positions = motor_positions(known, interval, stroke_time)
+    strokes, turns = travel(positions, good, interval)
     length = swing.period if np.isfinite(swing.period) else USUAL_PERIOD
-    moved = median_swing(known, calm, max(2, round(length / grid.interval)))
-    has_error = T_set is not None
-    rms_error, rms_settled = (rms(error, where) if has_error else np.nan for where in (good, calm))
-    oscillation = oscillation_index(error, calm, grid.interval, swing.period) if has_error else np.nan
-    harris = harris_index(error, calm, grid.interval) if has_error else np.nan
+    spans = _spans(known, calm, max(2, round(length / interval)))
+    moved = float(np.median(spans)) if spans.size else np.nan
+    of_error = [np.nan] * 4
+    if T_set is not None:
+        of_error = [
+            *(float(np.sqrt(np.mean(error[where] ** 2))) if where.any() else np.nan for where in (good, calm)),
+            oscillation_index(error, calm, interval, swing.period),
+            harris_index(error, calm, interval),
+        ]
     indices = {
-        "error_rms": Index(rms_error, "K", "RMS control error"),
-        "error_rms_settled": Index(rms_settled, "K", "RMS control error, settled and in control"),
-        "peak_to_peak": Index(swing.peak_to_peak, "K", "swing of the supply temperature, peak to peak"),
-        "period": Index(swing.period, "s", "period of the swing"),
-        "regularity": Index(swing.regularity, "1", "regularity of the swing after Thornhill: regular above 1"),
-        "periodic_share": Index(swing.share, "1", "share of the variance that comes back after a period"),
-        "oscillation": Index(oscillation, "1", "oscillation index after Hägglund: oscillates above 1"),
-        "harris": Index(harris, "1", "normalised Harris index: 0 is the best that feedback can do, 1 the worst"),
-        "command_swing": Index(moved, "1", "median swing of the command in a period, peak to peak"),
-        "motor_travel": Index(strokes, "d-1", "strokes of the motor in a day"),
-        "reversals": Index(turns, "d-1", "turns of the motor in a day"),
+        "error_rms": of_error[0],
+        "error_rms_settled": of_error[1],
+        "peak_to_peak": swing.peak_to_peak,
+        "period": swing.period,
+        "regularity": swing.regularity,
+        "periodic_share": swing.share,
+        "oscillation": of_error[2],
+        "harris": of_error[3],
+        "command_swing": moved,
+        "motor_travel": strokes,
+        "reversals": turns,
     }
-    return Measures(error, has_error, calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
+    return Measures(error, calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
 
 
-def loop_indices(measures: Measures, interval: float, loop: FittedLoop | str, *, trusted: bool) -> dict[str, Index]:
-    """Indices of the controller, and of a plant that is ``trusted``: NaN where the loop could not be modelled."""
+def loop_indices(measures: Measures, interval: float, loop: FittedLoop | str) -> dict[str, float]:
+    """Indices of the controller, and of a plant without a doubt: NaN where the loop could not be modelled."""
     kp, ti, every, gain, margin, size = (np.nan,) * 6
     if not isinstance(loop, str):
-        kp, ti, every = loop.kp, loop.ti, loop.sample_time
-        if trusted:
-            gain, margin = loop.gain, loop.margin
+        kp, ti, every = abs(loop.pi.kp), loop.pi.ti, loop.pi.sample_time
+        if not loop.doubt:
+            gain, margin = loop.plant.gain, loop.margin
             size = hagglund_gap(measures.error, measures.calm, interval, kp, ti, abs(gain))
     return {
-        "hagglund_backlash": Index(size, "1", "backlash after Hägglund, fraction of stroke"),
-        "kp": Index(kp, "K-1", "gain of the controller"),
-        "ti": Index(ti, "s", "integral time of the controller"),
-        "sample_time": Index(every, "s", "time between samples of the controller"),
-        "plant_gain": Index(gain, "K", "change of the temperature over the stroke"),
-        "margin": Index(margin, "1", "margin max |L||N| of the describing function: above 0.8 a gap makes it hunt"),
-    }
+        "hagglund_backlash": size, "kp": kp, "ti": ti, "sample_time": every, "plant_gain": gain, "margin": margin,
+    }  # fmt: skip
 
 
 def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:

@@ -76,7 +76,7 @@ def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     grid, measures = forced
     values = grid.values
     loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
-    said = cause_of(measures, loop._replace(explained_temperature=0.04), identified=True)
+    said = cause_of(measures, loop._replace(plant=loop.plant._replace(explained=0.04)), identified=True)
     assert said.name == "unknown"
     assert "4 %" in said.because
 

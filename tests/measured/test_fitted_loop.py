@@ -72,14 +72,13 @@ def fitted(logged):
 
 
 def test_controller_and_plant_are_found(fitted):
-    assert fitted.kp == pytest.approx(0.03, rel=0.03)
-    assert fitted.ti == pytest.approx(80.0, rel=0.03)
-    assert fitted.sample_time == 15.0
-    assert fitted.action == "cooling"
-    assert fitted.gain == pytest.approx(-18.0, rel=0.15)
+    assert fitted.pi.kp == pytest.approx(0.03, rel=0.03)
+    assert fitted.pi.ti == pytest.approx(80.0, rel=0.03)
+    assert fitted.pi.sample_time == 15.0
+    assert fitted.plant.gain == pytest.approx(-18.0, rel=0.15)
     assert sum(fitted.plant.lags) + fitted.plant.delay * fitted.plant.step == pytest.approx(60.0, abs=12.0)
-    assert fitted.explained_command > 0.99
-    assert 0.0 < fitted.explained_temperature < 1.0
+    assert fitted.pi.explained > 0.99
+    assert 0.0 < fitted.plant.explained < 1.0
 
 
 @pytest.mark.parametrize(
@@ -125,9 +124,8 @@ def test_a_loop_that_hunts_is_foretold_to_stop_with_a_slower_controller():
 def test_a_heating_loop_is_told_by_its_controller():
     log, rmse, _ = day(sign=-1.0)
     found = fit_loop_model(*log, INTERVAL, 0.08, STROKE)
-    assert found.action == "heating"
-    assert found.gain > 0.0
-    assert found.kp == pytest.approx(0.03, rel=0.03)
+    assert found.plant.gain > 0.0
+    assert found.pi.kp == pytest.approx(-0.03, rel=0.03)
     assert what_if(found).rmse == pytest.approx(rmse, rel=0.1)
 
 
@@ -138,7 +136,7 @@ def test_missing_samples_and_a_plant_that_is_off_are_left_out(logged, fitted):
     enabled[600:700] = False
     T[600:700], command[600:700] = 21.0, 0.0
     found = fit_loop_model(command, T, T_set, INTERVAL, 0.08, STROKE, enabled=enabled)
-    assert found.kp == pytest.approx(fitted.kp, rel=0.05)
+    assert found.pi.kp == pytest.approx(fitted.pi.kp, rel=0.05)
     assert what_if(found).rmse == pytest.approx(what_if(fitted).rmse, rel=0.2)
 
 
@@ -214,7 +212,7 @@ def test_a_controller_that_holds_the_temperature_does_not_hide_its_plant():
     """The command answers the load and leaves no trace of it; without whitened changes the gain comes out as 26."""
     log, _, _ = day(swing=0.0, backlash=0.04, seed=4)
     found = fit_loop_model(*log, INTERVAL, 0.04, STROKE)
-    assert found.gain == pytest.approx(-18.0, rel=0.25)
+    assert found.plant.gain == pytest.approx(-18.0, rel=0.25)
     assert sum(found.plant.lags) > 10.0
 
 

@@ -5,7 +5,8 @@ import pytest
 from helpers.refusals import refusal
 
 from fastcoil.logs import Log
-from fastcoil.measured.grid import increment_of, mean_openings, motor_positions, on_grid, openings, turns
+from fastcoil.measured.grid import increment_of, mean_openings, motor_positions, on_grid, openings
+from fastcoil.measured.part import turns
 
 
 def log(time, batch=None, **values):
@@ -92,18 +93,18 @@ def test_the_change_that_a_temperature_needs_to_be_logged_is_found():
 
 def test_the_motor_runs_to_the_command_no_faster_than_it_can():
     command = np.random.default_rng(3).uniform(0, 1, 60)
-    positions = motor_positions(command, 0.1)
+    positions = motor_positions(command, 0.1, 1.0)
     at = command[0]
     for k, target in enumerate(command):
         assert positions[k] == at
         at += min(max(target - at, -0.1), 0.1)
     assert positions[-1] == at
-    np.testing.assert_array_equal(motor_positions(command, 1.0)[1:], command)
+    np.testing.assert_array_equal(motor_positions(command, 1.0, 0.0)[1:], command)
 
 
 @pytest.mark.parametrize("width", [1, 3])
 def test_openings_are_means_of_those_of_the_play_operator(width):
-    positions = motor_positions(np.random.default_rng(4).uniform(0, 1, 41), 0.1)
+    positions = motor_positions(np.random.default_rng(4).uniform(0, 1, 41), 0.1, 1.0)
     sizes = np.array([0.0, 0.07, 0.2])
     means, squares = mean_openings(positions, sizes, width)
     assert means.shape == squares.shape == (41 // width, 3)
@@ -112,7 +113,7 @@ def test_openings_are_means_of_those_of_the_play_operator(width):
         for position in positions:
             q = min(max(q, position - size), position)
             stem.append(q / (1 - size))
-        np.testing.assert_allclose(openings(positions, sizes)[:, j], stem, atol=1e-14)
+        np.testing.assert_allclose(openings(positions, size), stem, atol=1e-14)
         between = [(a + b) / 2 for a, b in zip(stem[:-1], stem[1:], strict=True)]
         for k in range(41 // width):
             piece = between[k * width : (k + 1) * width]

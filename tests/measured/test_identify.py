@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from helpers.shared_data import measured
 
-from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, _judged, held, identify_backlash
+from fastcoil.measured.grid import held
+from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, _judged, identify_backlash
 
 pytestmark = pytest.mark.kernel
 INTERVAL = 10.0

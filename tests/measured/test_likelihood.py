@@ -13,7 +13,7 @@ INTERVAL = 30.0
 def log(noise, play=0.1, n=600, seed=3):
     """Positions and temperatures of a first-order plant behind a play, a sample each half minute."""
     draw = np.random.default_rng(seed)
-    positions = motor_positions(np.repeat(draw.uniform(0.2, 0.8, n // 10), 10), 1.0)
+    positions = motor_positions(np.repeat(draw.uniform(0.2, 0.8, n // 10), 10), 1.0, 1.0)
     q, T, found = positions[0], 14.0, []
     for position in positions[:-1]:
         q = min(max(q, position - play), position)
