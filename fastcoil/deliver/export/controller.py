@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from textwrap import wrap
 from typing import Any
 
 import jinja2
@@ -19,19 +17,18 @@ import numpy as np
 
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import package_version
-from fastcoil.deliver.export.python import names_in
+from fastcoil.deliver.export.python import commented, names_in
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.words import WIDTH, number
+from fastcoil.deliver.export.words import number
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import columns_of
-from fastcoil.model.control import Law, noise_level
+from fastcoil.model.control import noise_level
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.rows import PARAMETER_ROWS
-from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
-from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter
+from fastcoil.model.parameter_table import LARGEST, PARAMETERS
 from fastcoil.model.user_rules import rules_for_kernels
 
 ANY_SET_POINTS = np.array([0.0, LARGEST])
@@ -44,16 +41,13 @@ FRAME = (
     "LOWEST_READING", "HIGHEST_READING", "NOISE_READINGS", "FIRST_NOISE", "LEAST_NOISE", "NOISE_OF_MEDIAN",
 )  # fmt: skip
 """Names that the frame of the laws has."""
-_LAWS = Path(__file__).parent / "laws"
-_COMPOUND = {"K-1 s-1": "1/(K s)"}
-"""Units that figures leave as they are."""
 
 
 @cache
 def templates() -> jinja2.Environment:
     """The templates; a line that begins with ``#:`` is for them alone."""
     return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_LAWS),
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "laws"),
         line_statement_prefix="#:",
         trim_blocks=True,
         keep_trailing_newline=True,
@@ -62,185 +56,117 @@ def templates() -> jinja2.Environment:
     )
 
 
-@dataclass(frozen=True)
 class Controller:
-    """The parameters of one controller by name, its words, and its rules as laws."""
+    """The parameters of one controller, its words by their parameter, and its rules as laws.
 
-    number: dict[str, float]
-    estimator: str
-    law: str
-    compensation: str
-    heats: bool
-    measures_noise: bool
-    waives_buffer: bool
-    rests: bool
-    own: tuple[str, ...]
-    parameters: dict[str, Parameter] = field(repr=False)
-    estimating: Port | None = field(repr=False)
-    deciding: Port | None = field(repr=False)
+    own: names of the user's rules that it has.  estimating, deciding: the estimator, and the law in place of the PI.
 
-    @classmethod
-    def of(cls, loop: Loop) -> Controller:
-        """That of a loop.
+    Raises
+    ------
+    InputError
+        If the loop is a sweep, cannot run in fixed cycles, or has a rule that cannot be translated.
+    """
 
-        Raises
-        ------
-        InputError
-            If it is a sweep, cannot run in fixed cycles, or has a rule that cannot be translated.
-        """
+    def __init__(self, loop: Loop) -> None:
         if loop.swept:
             raise InputError([f"{name} is swept: give it one value, a controller has one" for name in loop.swept])
         check_clashes(loop, ANY_SET_POINTS)
         rules = rules_for_kernels(loop.rules)
         columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
-        numbers = dict(zip((*PARAMETER_ROWS, *rules.own), parameter_matrix(columns, rules)[:, 0].tolist(), strict=True))
-        words = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
-        _require_cycles(words["estimator"], numbers)
-        known: list[Estimator] = [*(e for e in ESTIMATORS if e is not None), *rules.estimators]
-        estimator = next((e for e in known if e.name == words["estimator"]), None)
-        law = next((one for one in rules.laws if one.name == words["law"]), None)
-        seen = "s.estimate" if estimator is not None else "BACKLASH_ESTIMATE"
+        values = parameter_matrix(columns, rules)[:, 0].tolist()
+        self.number: dict[str, float] = dict(zip((*PARAMETER_ROWS, *rules.own), values, strict=True))
+        self.word = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
+        self.parameters = loop.parameters
+        self._require_cycles()
+        known = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
+        estimator = next((one for one in known if one.name == self.word["estimator"]), None)
+        law = next((one for one in rules.laws if one.name == self.word["law"]), None)
         # the function as it was written, not as it was compiled
         written = {rule.name: rule.parts[0] for rule in loop.rules.values() if rule.is_loaded}
-        taken = [*FRAME, *(name.upper() for name in numbers)]
-        others = [each for n in (law.Memory._fields if law is not None else ()) for each in (n, f"{n}_known")]
-        estimating = deciding = None
+        self.own = [name for name in written if name in self.word.values()]
+        self.waives_buffer = estimator is not None and estimator.waives_buffer
+        self.rests = estimator is None or estimator.periods is None
+        taken = [*FRAME, *(name.upper() for name in self.number)]
+        self.estimating = self.deciding = None
         if estimator is not None:
-            estimating = _port(estimator, written.get(estimator.name), numbers, seen, [*taken, *others])
-            taken += names_in("\n".join([*estimating.functions, *estimating.sections]))
+            others = [each for n in (law.Memory._fields if law else ()) for each in (n, f"{n}_known")]
+            function = written.get(estimator.name, estimator.step)
+            self.estimating = self._port("estimator", estimator, function, [*taken, *others])
+            taken += names_in("\n".join([*self.estimating.functions, *self.estimating.sections]))
         if law is not None:
-            deciding = _port(law, written.get(law.name), numbers, seen, taken)
-        return cls(
-            numbers,
-            words["estimator"],
-            words["law"],
-            words["compensation"],
-            words["action"] == "heating",
-            words["buffer_noise"] == "measured",
-            estimator is not None and estimator.waives_buffer,
-            estimator is None or estimator.periods is None,
-            tuple(name for name in written if name in words.values()),
-            dict(loop.parameters),
-            estimating,
-            deciding,
-        )
+            self.deciding = self._port("law", law, written.get(law.name, law.step), taken)
+        self.ports = [port for port in (self.estimating, self.deciding) if port is not None]
+        self.sees_air = any("m_a" in port.reads for port in self.ports)
+
+    def _port(self, kind: str, rule: Any, function: Any, taken: list[str]) -> Port:
+        """A rule as laws; a word among its parameters is a number."""
+        return Translator(
+            kind,
+            rule,
+            function,
+            {name: self.number[name] for name in rule.Parameters._fields},
+            literal={name for name in rule.Parameters._fields if name in self.word},
+            estimate="s.estimate" if self.word["estimator"] != "none" else "BACKLASH_ESTIMATE",
+            names=taken,
+        ).port()
+
+    def _require_cycles(self) -> None:
+        """Refuse a learner whose intervals are no whole number of cycles."""
+        sample, interval = self.number["sample_time"], self.number["learning_interval"]
+        if self.word["estimator"] == "learner" and interval % sample != 0.0:
+            below, above = sample * math.floor(interval / sample), sample * math.ceil(interval / sample)
+            raise InputError(
+                f"learning_interval = {interval:g} s is not a whole number of cycles of {sample:g} s (sample_time): "
+                f"give {below:g} or {above:g}, say"
+            )
 
     @property
-    def ports(self) -> tuple[Port, ...]:
-        """Its rules as laws."""
-        return tuple(port for port in (self.estimating, self.deciding) if port is not None)
-
-    @property
-    def sees_air(self) -> bool:
-        """Whether the air flow is one of its inputs."""
-        return any("m_a" in port.reads for port in self.ports)
-
-    @property
-    def has_estimate(self) -> bool:
-        """Whether an estimator changes the estimate."""
-        return self.estimating is not None
+    def heats(self) -> bool:
+        """Whether it opens the valve to heat."""
+        return self.word["action"] == "heating"
 
     def text(self) -> str:
         """The laws in Python, without what this controller does not need."""
-        number, has = self.number, self.has_estimate
-        share = has and number["estimate_share"] != 1.0
-        assumed = "s.estimate" if has else "BACKLASH_ESTIMATE"
-        buffer_ratio = number["buffer_ratio"] > 0.0
-        parts = {
-            "estimating": self.estimating,
-            "deciding": self.deciding,
-            "ports": self.ports,
-            "rests": self.rests,
-            "heating": self.heats,
-            "sees_air": self.sees_air,
+        number, has = self.number, self.estimating is not None
+        share, ratio = has and number["estimate_share"] != 1.0, number["buffer_ratio"] > 0.0
+        parts: dict[str, Any] = {
+            "controller": self,
             "dead_band": number["error_dead_band"] > 0.0,
             "share": share,
-            "assumed": "assumed" if share else assumed,
+            "assumed": "assumed" if share else "s.estimate" if has else "BACKLASH_ESTIMATE",
             "assumed_at_start": "ESTIMATE_SHARE * BACKLASH_ESTIMATE" if share else "BACKLASH_ESTIMATE",
-            "additive": self.compensation == "additive",
-            "smooth": self.compensation == "smooth",
-            "buffer_ratio": buffer_ratio,
-            "buffer_swing": buffer_ratio and number["buffer_swing"] > 0.0,
-            "measures_noise": self.measures_noise,
-            "waives_buffer": self.waives_buffer,
-            "band": "band" if buffer_ratio or self.waives_buffer else "BUFFER",
-            "noise_of_median": repr(float(noise_level(1.0))) if self.measures_noise else "",
-            "sample_time": f"{number['sample_time']:g}",
+            "additive": self.word["compensation"] == "additive",
+            "smooth": self.word["compensation"] == "smooth",
+            "buffer_ratio": ratio,
+            "buffer_swing": ratio and number["buffer_swing"] > 0.0,
+            "measures_noise": self.word["buffer_noise"] == "measured",
+            "band": "band" if ratio or self.waives_buffer else "BUFFER",
+            "noise_of_median": repr(float(noise_level(1.0))),
+            "words": self.words(),
+            "version": package_version(),
         }
-        read = {name for port in self.ports for name in port.parameters}
-        frame = {
-            "sample_time": True, "kp": self.deciding is None or buffer_ratio, "ti": self.deciding is None,
-            "error_dead_band": parts["dead_band"], "backlash_estimate": True, "estimate_share": share, "buffer": True,
-            "buffer_ratio": buffer_ratio, "noise_std": buffer_ratio and not self.measures_noise,
-            "buffer_swing": parts["buffer_swing"], "plant_gain": parts["buffer_swing"],
-            "smooth_rate": parts["smooth"],
-        }  # fmt: skip
-        names = [name for name, needed in frame.items() if needed or name in read]
-        names += [name for name in self.number if name in read and name not in names]
-        text = (
-            templates()
-            .get_template("controller.py.jinja")
-            .render(parts, parameters=[self._constant(n) for n in names], version=package_version(), words=self.words())
-        )
+        template = templates().get_template("controller.py.jinja")
+        used = names_in(template.render(parts, parameters=[]))
+        parameters = [self._constant(name) for name in number if name.upper() in used]
+        text = template.render(parts, parameters=parameters)
         text = text if "math." in text else text.replace("import math\n", "", 1)
         text = re.sub(r"\n+(?=(def|class) )", "\n\n\n", text)
         return re.sub(r"\n+(?=# (Parameters|Fixed)|import )", "\n\n", text)
 
     def words(self) -> str:
         """What the controller consists of."""
-        parts = ["a PI law" if self.deciding is None else f"the law {self.law}"]
-        if self.number["error_dead_band"] > 0.0:
-            parts.append("a dead band")
-        if self.compensation == "additive":
-            parts.append("half the backlash added to its output")
-        elif self.compensation == "smooth":
-            parts.append("a smooth backlash inverse")
-        elif self.has_estimate or self.number["backlash_estimate"] > 0.0:
-            parts.append("a backlash inverse")
-        if self.has_estimate:
-            parts.append(f"the estimator {self.estimator}")
-        last = f" and {parts.pop()}" if len(parts) > 1 else ""
-        return f"{', '.join(parts)}{last}"
+        inverse = {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}
+        plain = "a backlash inverse" if self.estimating or self.number["backlash_estimate"] > 0.0 else ""
+        parts = [
+            f"the law {self.word['law']}" if self.deciding else "a PI law",
+            "a dead band" if self.number["error_dead_band"] > 0.0 else "",
+            inverse.get(self.word["compensation"], plain),
+            f"the estimator {self.word['estimator']}" if self.estimating else "",
+        ]
+        return " and ".join(", ".join(filter(None, parts)).rsplit(", ", 1))
 
     def _constant(self, name: str) -> str:
         """A parameter as a constant, with its unit and meaning."""
         unit, text = self.parameters[name].unit, self.parameters[name].text
-        unit = _COMPOUND.get(unit) or unit_in_words(unit)
-        meaning = f"{unit}: {text}" if unit else text
-        line = f"{name.upper()} = {number(self.number[name])}"
-        if max(len(line), 33) + len(meaning) < WIDTH - 18:
-            return f"{line}  # {meaning}"
-        return "\n".join([*(f"# {part}" for part in wrap(meaning, WIDTH - 12)), line])
-
-
-def _port(rule: Estimator | Law, written: Any, numbers: dict[str, float], estimate: str, taken: list[str]) -> Port:
-    """A rule as laws.  A parameter that is at its default may be left out, a word is a number.
-
-    written: the function of a user's rule.
-    """
-    of_table = [PARAMETERS[name] for name in rule.Parameters._fields if name in PARAMETERS]
-    is_estimator = isinstance(rule, Estimator)
-    return Translator(
-        "estimator" if is_estimator else "law",
-        rule.name,
-        written or rule.step,
-        rule.start if isinstance(rule, Estimator) else None,
-        rule.Parameters,
-        rule.Memory,
-        {name: numbers[name] for name in rule.Parameters._fields},
-        words=rule.words if isinstance(rule, Estimator) else 0,
-        estimate=estimate,
-        names=taken,
-        literal=frozenset(p.name for p in of_table if p.is_word),
-    ).port()
-
-
-def _require_cycles(estimator: str, numbers: dict[str, float]) -> None:
-    """Refuse a learner whose intervals are no whole number of cycles."""
-    sample, interval = numbers["sample_time"], numbers["learning_interval"]
-    if estimator == "learner" and interval % sample != 0.0:
-        below, above = sample * math.floor(interval / sample), sample * math.ceil(interval / sample)
-        raise InputError(
-            f"learning_interval = {interval:g} s is not a whole number of cycles of {sample:g} s (sample_time): give "
-            f"{below:g} or {above:g}, say"
-        )
+        unit = "1/(K s)" if unit == "K-1 s-1" else unit_in_words(unit)  # which figures leave as it is
+        return commented(f"{name.upper()} = {number(self.number[name])}", f"{unit}: {text}" if unit else text)

@@ -25,7 +25,6 @@ FIRST_VECTORS = 200
 """Vectors that a program in Structured Text holds, which cannot read files."""
 _MARK = b"ritten by fastcoil "
 """In the head of every file."""
-_FLAGS = ("enabled", "reset")
 _TOLERANCE = 1e-12
 _LARGEST = 2**26
 """Bytes of a file."""
@@ -62,29 +61,26 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         path = check(path_of, "path", path, "give a file such as inverse.c")
         language = check(language_of, language)
-    _require_file(path, language)
-    controller = Controller.of(loop)
+    suffix = SUFFIXES[language]
+    if path.suffix != suffix or not may_be_file(path):
+        raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
+    if not _name_of(path):
+        raise InputError(f"path = {path}: give it a name of letters a to z, which the code's own names begin with")
+    controller = Controller(loop)
     _require_ours(path, language)
     vectors = vectors_of(loop, controller)
+    text = controller.text()
     if controller.own:
-        _require_same(controller, vectors)
-    files = _files(path, language, controller, vectors)
-    for name, text in files.items():
-        commit(path.with_name(name), text.encode())
+        _require_same(controller, text, vectors)
+    files = _files(path, language, text, vectors, controller.number["sample_time"])
+    for name, content in files.items():
+        commit(path.with_name(name), content.encode())
     return [path.with_name(name) for name in files]
 
 
 def language_of(language: object) -> str:
     """One of the languages."""
     return choice_of("language", language, SUFFIXES)
-
-
-def _require_file(path: Path, language: str) -> None:
-    suffix = SUFFIXES[language]
-    if path.suffix != suffix or not may_be_file(path):
-        raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
-    if not _name_of(path):
-        raise InputError(f"path = {path}: give it a name of letters a to z, which the code's own names begin with")
 
 
 def _require_ours(path: Path, language: str) -> None:
@@ -110,22 +106,15 @@ def _name_of(path: Path) -> str:
     return f"c_{name}" if name[:1].isdigit() else name
 
 
-def _files(path: Path, language: str, controller: Controller, vectors: Vectors) -> dict[str, str]:
+def _files(path: Path, language: str, text: str, vectors: Vectors, sample_time: float) -> dict[str, str]:
     """Text of each file by its name."""
     name, stored = _name_of(path), f"{path.stem}_vectors.csv"
-    text = controller.text()
     words = {"name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs}
-    files = {stored: vectors.csv(path.name, controller.number["sample_time"])}
+    files = {stored: vectors.csv(path.name, sample_time)}
     if language == "c":
-        code = InC(Laws(text), name).text()
-        given = ", ".join(f"v[{k}]{_flag(one, ' > 0.5')}" for k, one in enumerate(vectors.inputs))
-        found = ", ".join(f"s.{one}" for one in vectors.outputs)
-        code += _check("c", words | {"given": given, "found": found, "columns": len(vectors.columns)})
+        code = InC(Laws(text), name).text() + _check("c", words | {"columns": len(vectors.columns)})
     elif language == "python":
-        given = ", ".join(f'given["{one}"]{_flag(one, " > 0.5")}' for one in vectors.inputs)
-        imports = ["csv", *(["math"] if "import math" in text else []), "sys"]
-        code = re.sub(r"\n*(import math\n)?\n*# Parameters", _imports(imports), text, count=1).rstrip() + "\n"
-        code += _check("py", words | {"given": given, "zeros": "zeros(" in text})
+        code = text.rstrip() + "\n" + _check("py", words | {"zeros": "zeros(" in text})
     else:
         code = InST(Laws(text), name).text()
         n = min(FIRST_VECTORS, vectors.n_made)
@@ -137,33 +126,24 @@ def _files(path: Path, language: str, controller: Controller, vectors: Vectors) 
     return {path.name: code, **files}
 
 
-def _require_same(controller: Controller, vectors: Vectors) -> None:
+def _require_same(controller: Controller, text: str, vectors: Vectors) -> None:
     """Refuse a rule of the user whose translation does something else than the kernel."""
-    names = " and ".join(controller.own)
     cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
     laws: dict[str, Any] = {"zeros": lambda size: [0.0] * size}
-    exec(compile(controller.text(), "<laws>", "exec"), laws)
-    s, worst = laws["State"](), 0.0
+    exec(compile(text, "<laws>", "exec"), laws)
+    s = laws["State"]()
     for k, row in enumerate(zip(*vectors.columns.values(), strict=True)):
         given = dict(zip(vectors.columns, row, strict=True))
         try:
-            laws["step"](s, *(given[n] > 0.5 if n in _FLAGS else float(given[n]) for n in vectors.inputs), 0.0)
+            laws["step"](s, *(given[n] if n[0] in "Tm" else given[n] > 0.5 for n in vectors.inputs), 0.0)
+            off = [abs(getattr(s, name) - given[name]) for name in vectors.outputs]
+            same = all(each <= _TOLERANCE for each in off)
+            fault = "" if same else f"is off by {max(off):.2g} from what fastcoil computes"
         except ArithmeticError as error:
-            raise InputError(f"{names} cannot be exported: cycle {k} of its vectors has a {error}: {cure}") from None
-        worst = max([worst, *(abs(getattr(s, name) - given[name]) for name in vectors.outputs)])
-        if not worst <= _TOLERANCE:
-            raise InputError(
-                f"{names} cannot be exported: at cycle {k} of its vectors the code is off by {worst:.2g} from what "
-                f"fastcoil computes: {cure}"
-            )
-
-
-def _flag(name: str, test: str) -> str:
-    return test if name in _FLAGS else ""
-
-
-def _imports(names: list[str]) -> str:
-    return "\n\n" + "\n".join(f"import {name}" for name in names) + "\n\n# Parameters"
+            fault = f"has a {error}"
+        if fault:
+            names = " and ".join(controller.own)
+            raise InputError(f"{names} cannot be exported: cycle {k} of its vectors {fault}: {cure}")
 
 
 def _check(kind: str, words: dict[str, object]) -> str:

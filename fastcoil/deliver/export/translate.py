@@ -62,7 +62,6 @@ _UNKNOWN = {"While": "a while loop", "With": "with", "Raise": "raise", "Assert":
 class Port(NamedTuple):
     """A rule as laws: texts of Python, see ``source.Laws``."""
 
-    parameters: tuple[str, ...]
     constants: list[str]
     fields: list[str]
     start: list[str]
@@ -75,23 +74,22 @@ class Port(NamedTuple):
 class Translator(Formulas):
     """Translates one rule.
 
-    kind, rule: law or estimator, and its name.  step, start: its functions; without a start its memory begins with its
-    defaults.  numbers: its parameters; literal: those that are written as numbers.  words: size of its array.
-    estimate: the text of the estimate that it sees.  names: those that the laws have already.
+    kind: estimator or law.  function: its step as it was written.  numbers: its parameters; literal: those that are
+    written as numbers.  estimate: the text of the estimate that it sees.  names: those that the laws have already.
     """
 
     def __init__(
-        self, kind: str, rule: str, step: Any, start: Any, Parameters: Any, Memory: Any,  # noqa: N803 — classes
-        numbers: Mapping[str, float], *, words: int, estimate: str, names: Sequence[str], literal: frozenset[str],
+        self, kind: str, rule: Any, function: Any, numbers: Mapping[str, float], *, literal: set[str], estimate: str,
+        names: list[str],
     ) -> None:  # fmt: skip
-        super().__init__(kind, rule, [*names, *(each.upper() for each in numbers)])
-        self.step, self.start, self.Parameters, self.Memory = step, start, Parameters, Memory
-        self.numbers, self.words, self.estimate, self.literal = numbers, words, estimate, literal
+        super().__init__(kind, rule.name, [*names, *(each.upper() for each in numbers)])
+        self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "words", 0)
+        self.Parameters, self.Memory = rule.Parameters, rule.Memory
+        self.numbers, self.literal, self.estimate = numbers, literal, estimate
         self.goal = "s.decided" if kind == "law" else "s.estimate"
         taken = {each.casefold() for each in names}
-        self.fields = {
-            n: "s." + self._named(f"{n}_kept" if n.casefold() in taken else n, "field") for n in Memory._fields
-        }
+        wanted = {n: f"{n}_kept" if n.casefold() in taken else n for n in self.Memory._fields}
+        self.fields = {n: "s." + self._named(name, "field") for n, name in wanted.items()}
         self.changing: set[str] = set()
         """Fields of the memory that do not keep their first value."""
 
@@ -465,7 +463,6 @@ class Translator(Formulas):
             start.append(f"s.w = zeros({self.words})")
         read = {*names_in("\n".join([*functions, *sections, *start]))}
         return Port(
-            tuple(n for n in self.numbers if n.upper() in read),
             [constant_text(n, value, said) for n, (value, said) in self.constants.items() if n in read],
             fields, start, functions, sections, f"{name}({', '.join(['s', *arguments])})",
             frozenset({*arguments, *(["T_seen"] if "T_seen" in read else [])}),
