@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.refusals import problems
+from helpers.refusals import problems, seen_by_schema
 
 from fastcoil.study.file.sampling import sample_values
 from fastcoil.study.file.spec import read_study
@@ -88,56 +88,59 @@ def problems_of(read, *text):
     return [p.split("study.toml: ")[1] for p in problems(read, *text)]
 
 
-@pytest.mark.parametrize(
-    ("sample", "sentence"),
-    [
-        ("size = 4\n" + KP, "[sample] method is missing: give one of latin_hypercube, sobol, random"),
-        ("method = 'random'\n" + KP, "[sample] size is missing: give the number of samples"),
-        ("method = 'sobl'\nsize = 4\n" + KP, "[sample] method = 'sobl': unknown, did you mean 'sobol'?; choose one of"),
-        ("method = 'sobol'\nsize = 1000\n" + KP, "powers of two, give 512 or 1024"),
-        ("method = 'sobol'\nsize = 9000000\n" + KP, "powers of two, give 8388608"),
-        ("method = 'random'\nsize = 0\n" + KP, "[sample] size = 0: must be at least 1 and at most 10000000"),
-        ("method = 'random'\nsize = 4.0\n" + KP, "[sample] size = 4.0: give a whole number"),
-        (GOOD + "seed = -1\n" + KP, "[sample] seed = -1: must be at least 0"),
-        (GOOD + "seed = true\n" + KP, "[sample] seed = True: give a whole number"),
-        (GOOD, "[sample] no parameter is given: give at least one, such as backlash"),
-        (GOOD + "kpp = { uniform = [0, 1] }", "[sample] kpp is not a parameter, did you mean 'kp'?"),
-        (GOOD + "kp = 0.1", "[sample] kp = 0.1: give one distribution, such as { uniform = [lowest, highest] }; known"),
-        (GOOD + "kp = {}", "[sample] kp = {}: give one distribution"),
-        (GOOD + "kp = { uniform = [0, 1], choice = [1] }", "give one distribution"),
-        (GOOD + "kp = { unifrm = [0, 1] }", "kp = { unifrm = [0, 1] }: unknown distribution, did you mean 'uniform'?;"),
-        (GOOD + "kp = { beta = [2, 3] }", "kp = { beta = [2, 3] }: unknown distribution; " + KNOWN),
-        (GOOD + "kp = { uniform = [1] }", "kp = { uniform = [1] }: give [lowest, highest], 2 finite numbers"),
-        (GOOD + "kp = { uniform = 1 }", "kp = { uniform = 1 }: give [lowest, highest], 2 finite numbers"),
-        (GOOD + "kp = { uniform = [0, inf] }", "2 finite numbers"),
-        (GOOD + "kp = { uniform = [false, true] }", "2 finite numbers"),
-        (GOOD + "kp = { uniform = [0, 1" + 400 * "0" + "] }", "2 finite numbers"),
-        (GOOD + "kp = { triangular = [1, 2] }", "give [lowest, most likely, highest], 3 finite numbers"),
-        (GOOD + "kp = { truncnorm = [1, 2] }", "give [mean, standard deviation, lowest, highest], 4 finite numbers"),
-        (GOOD + "kp = { uniform = [1, 1] }", "[1, 1] }: the lowest value must be below the highest, give [lowest, hig"),
-        (GOOD + "kp = { loguniform = [0, 1] }", "the lowest value must be above 0"),
-        (GOOD + "kp = { truncnorm = [1, 0, 0, 2] }", "the standard deviation must be above 0"),
-        (GOOD + "kp = { truncnorm = [1, 1, 2, 2] }", "the lowest value must be below the highest"),
-        (GOOD + "kp = { triangular = [0, 3, 2] }", "the most likely value must lie between the lowest and the highest"),
-        (GOOD + "kp = { triangular = [2, 2, 2] }", "the lowest value must be below the highest"),
-        (GOOD + "kp = { choice = [] }", "kp = { choice = [] }: give a list of at least one value"),
-        (GOOD + "kp = { choice = 3 }", "kp = { choice = 3 }: give a list of at least one value"),
-        (GOOD + "kp = { choice = [1, 2, 1.0] }", "kp = { choice = [1, 2, 1.0] }: 1 appears twice, leave one out"),
-        (GOOD + "kp = { choice = ['a'] }", "kp = 'a': give a number"),
-        (GOOD + "action = { choice = ['cooling', 'warming'] }", "action = 'warming': choose 'cooling' or 'heating'"),
-        (GOOD + "sample_time = { choice = [5, 7.5] }", "sample_time = 7.5 s: must be whole"),
-        (
-            GOOD + "sample_time = { uniform = [5, 30] }",
-            "sample_time = { uniform = [5, 30] }: sample_time is a whole number, use { choice = […] }",
-        ),
-        (GOOD + "action = { uniform = [0, 1] }", 'action is a word, use { choice = ["cooling", "heating"] }'),
-        (GOOD + "backlash = { uniform = [0.91, 0.95] }", "must be from 0 to 0.9 (and 3 more of its values)"),
-        (GOOD + "authority = { uniform = [0.2, 0.8] }", "rangeability and m_full missing"),
-    ],
-)
-def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, sample, sentence):
-    (problem,) = problems_of(read, sample)
+SEEN_BY_SCHEMA = [
+    ("size = 4\n" + KP, "[sample] method is missing: give one of latin_hypercube, sobol, random"),
+    ("method = 'random'\n" + KP, "[sample] size is missing: give the number of samples"),
+    ("method = 'sobl'\nsize = 4\n" + KP, "[sample] method = 'sobl': unknown, did you mean 'sobol'?; choose one of"),
+    ("method = 'sobol'\nsize = 1000\n" + KP, "powers of two, give 512 or 1024"),
+    ("method = 'sobol'\nsize = 9000000\n" + KP, "powers of two, give 8388608"),
+    ("method = 'random'\nsize = 0\n" + KP, "[sample] size = 0: must be at least 1 and at most 10000000"),
+    (GOOD + "seed = -1\n" + KP, "[sample] seed = -1: must be at least 0"),
+    (GOOD + "seed = true\n" + KP, "[sample] seed = True: give a whole number"),
+    (GOOD, "[sample] no parameter is given: give at least one, such as backlash"),
+    (GOOD + "kpp = { uniform = [0, 1] }", "[sample] kpp is not a parameter, did you mean 'kp'?"),
+    (GOOD + "kp = 0.1", "[sample] kp = 0.1: give one distribution, such as { uniform = [lowest, highest] }; known"),
+    (GOOD + "kp = {}", "[sample] kp = {}: give one distribution"),
+    (GOOD + "kp = { uniform = [0, 1], choice = [1] }", "give one distribution"),
+    (GOOD + "kp = { unifrm = [0, 1] }", "kp = { unifrm = [0, 1] }: unknown distribution, did you mean 'uniform'?;"),
+    (GOOD + "kp = { beta = [2, 3] }", "kp = { beta = [2, 3] }: unknown distribution; " + KNOWN),
+    (GOOD + "kp = { uniform = [1] }", "kp = { uniform = [1] }: give [lowest, highest], 2 finite numbers"),
+    (GOOD + "kp = { uniform = 1 }", "kp = { uniform = 1 }: give [lowest, highest], 2 finite numbers"),
+    (GOOD + "kp = { uniform = [false, true] }", "2 finite numbers"),
+    (GOOD + "kp = { triangular = [1, 2] }", "give [lowest, most likely, highest], 3 finite numbers"),
+    (GOOD + "kp = { truncnorm = [1, 2] }", "give [mean, standard deviation, lowest, highest], 4 finite numbers"),
+    (GOOD + "kp = { loguniform = [0, 1] }", "the lowest value must be above 0"),
+    (GOOD + "kp = { truncnorm = [1, 0, 0, 2] }", "the standard deviation must be above 0"),
+    (GOOD + "kp = { choice = [] }", "kp = { choice = [] }: give a list of at least one value"),
+    (GOOD + "kp = { choice = 3 }", "kp = { choice = 3 }: give a list of at least one value"),
+    (GOOD + "kp = { choice = [1, 2, 1.0] }", "kp = { choice = [1, 2, 1.0] }: 1 appears twice, leave one out"),
+    (GOOD + "kp = { choice = ['a'] }", "kp = 'a': give a number"),
+    (GOOD + "action = { choice = ['cooling', 'warming'] }", "action = 'warming': choose 'cooling' or 'heating'"),
+    (GOOD + "sample_time = { choice = [5, 7.5] }", "sample_time = 7.5 s: must be whole"),
+    (
+        GOOD + "sample_time = { uniform = [5, 30] }",
+        "sample_time = { uniform = [5, 30] }: sample_time is a whole number, use { choice = […] }",
+    ),
+    (GOOD + "action = { uniform = [0, 1] }", 'action is a word, use { choice = ["cooling", "heating"] }'),
+]
+OTHERS = [
+    ("method = 'random'\nsize = 4.0\n" + KP, "[sample] size = 4.0: give a whole number"),
+    (GOOD + "kp = { uniform = [0, inf] }", "2 finite numbers"),
+    (GOOD + "kp = { uniform = [0, 1" + 400 * "0" + "] }", "2 finite numbers"),
+    (GOOD + "kp = { uniform = [1, 1] }", "[1, 1] }: the lowest value must be below the highest, give [lowest, hig"),
+    (GOOD + "kp = { truncnorm = [1, 1, 2, 2] }", "the lowest value must be below the highest"),
+    (GOOD + "kp = { triangular = [0, 3, 2] }", "the most likely value must lie between the lowest and the highest"),
+    (GOOD + "kp = { triangular = [2, 2, 2] }", "the lowest value must be below the highest"),
+    (GOOD + "backlash = { uniform = [0.91, 0.95] }", "must be from 0 to 0.9 (and 3 more of its values)"),
+    (GOOD + "authority = { uniform = [0.2, 0.8] }", "rangeability and m_full missing"),
+]
+
+
+@pytest.mark.parametrize(("text", "sentence"), [*SEEN_BY_SCHEMA, *OTHERS])
+def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, text, sentence):
+    (problem,) = problems_of(read, text)
     assert sentence in problem
+    assert ((text, sentence) in SEEN_BY_SCHEMA) == bool(seen_by_schema(f"[loop]\n[sample]\n{text}"))
 
 
 @pytest.mark.parametrize(

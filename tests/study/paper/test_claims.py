@@ -14,21 +14,19 @@ H = 3600.0
 
 def by_case(metric, **values):
     """A result of one tuning and day: a metric by case."""
-    names = [name.replace("_", " ").replace("pct", " %") for name in values]
     data = np.array(list(values.values()))[:, None, None]
     return xr.Dataset(
-        {metric: (("case", "tuning", "day"), data)}, coords={"case": names, "tuning": ["made up"], "day": [1]}
+        {metric: (("case", "tuning", "day"), data)}, coords={"case": list(values), "tuning": ["made up"], "day": [1]}
     )
 
 
 def ratios(metric, *values):
     """The metric for all estimates in turn."""
-    ds = by_case(metric, **{f"c{k}": v for k, v in enumerate(values)})
-    return ds.assign_coords(case=[grid.case(r) for r in grid.RATIOS[: len(values)]])
+    return by_case(metric, **dict(zip(map(grid.case, grid.RATIOS), values, strict=False)))
 
 
 def learned(case, first_down, confirmed, step=0.007):
-    ds = by_case("estimate_first_down", a=first_down).assign_coords(case=[case])
+    ds = by_case("estimate_first_down", **{case: first_down})
     ds["learn_time_confirmed"] = ds.estimate_first_down * 0 + confirmed
     return ds.assign_coords(learning_step=("case", [step]))
 
@@ -39,94 +37,63 @@ def noisy(literal, noise):
 
 def buffered(switches, rmse):
     """Switches of the inverse with noise and buffer, where there are 5 without noise, and its error; the PI's is 1."""
-    names = ["95 %", "95 %, noise, buffer", "plain PI, noise"]
-    ds = by_case("switch_frequency", a=5.0, b=switches, c=3.0).assign_coords(case=names)
-    return ds.merge(by_case("rmse_settled", a=0.1, b=rmse, c=1.0).assign_coords(case=names))
+    names = ("95 %", "95 %, noise, buffer", "plain PI, noise")
+    found = {"switch_frequency": (5.0, switches, 3.0), "rmse_settled": (0.1, rmse, 1.0)}
+    return xr.merge(by_case(metric, **dict(zip(names, values, strict=True))) for metric, values in found.items())
 
 
-def two_errors(better, worse):
+def pair(metric, one, other, value, holds, not_so):
+    """A result with a value in one case and that in the other with which the claim holds, and one with which not."""
+    return tuple(by_case(metric, **{one: value, other: other_value}) for other_value in (holds, not_so))
+
+
+def errors(better, worse):
     """A case that is 2 % lower than the other, and one that is half a per cent lower."""
-    return tuple(by_case("rmse", a=x, b=0.100).assign_coords(case=[better, worse]) for x in (0.098, 0.0995))
+    return pair("rmse", worse, better, 0.100, 0.098, 0.0995)
 
 
 def hunting(without, with_it):
-    return by_case("hunts", no_backlash=without, plain_PI=with_it).isel(day=0, drop=True)
-
-
-def largest(n):
-    return xr.Dataset({"largest": ("tuning", [n])})
-
-
-def renamed(ds, **names):
-    return ds.assign_coords(case=[names.get(str(c), str(c)) for c in ds.case.values])
+    return by_case("hunts", **{"no backlash": without, "plain PI": with_it}).isel(day=0, drop=True)
 
 
 FLAT = (6.0, 6.1, 6.2, 6.3, 6.4, 6.5, 6.6)
 FALLING = (1.0, 0.9, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05)
-NOISE_CASES = {"a": "95 %", "b": "95 %, noise"}
+GOOD_AND_WORN = ("no backlash", "plain PI")
 MADE_UP = {
     "hunts": (hunting(False, True), hunting(True, True)),
-    "fluctuates": (
-        by_case("rmse_settled", no_backlash=0.1, plain_PI=0.21), by_case("rmse_settled", no_backlash=0.1, plain_PI=0.19)
+    "fluctuates": pair("rmse_settled", *GOOD_AND_WORN, 0.1, 0.21, 0.19),
+    "sixty": tuple(ratios("rmse_settled", 1.0, 0, 0, 0, at_sixty, 0, 0, 0, 0.1) for at_sixty in (0.5, 1.1)),
+    "ninety-five": tuple(
+        by_case("rmse_settled", **{"no backlash": 0.1, "plain PI": 1.1, "95 %": error}) for error in (0.19, 0.21)
     ),
-    "sixty": (
-        ratios("rmse_settled", 1.0, 0, 0, 0, 0.5, 0, 0, 0, 0.1), ratios("rmse_settled", 1.0, 0, 0, 0, 1.1, 0, 0, 0, 0.1)
-    ),
-    "ninety-five": (
-        by_case("rmse_settled", no_backlash=0.1, plain_PI=1.1, **{"95pct": 0.19}),
-        by_case("rmse_settled", no_backlash=0.1, plain_PI=1.1, **{"95pct": 0.21}),
-    ),
-    "unity": (
-        by_case("rmse_settled", no_backlash=0.100, **{"100pct": 0.104}),
-        by_case("rmse_settled", no_backlash=0.100, **{"100pct": 0.106}),
-    ),
+    "unity": pair("rmse_settled", "no backlash", "100 %", 0.100, 0.104, 0.106),
     "flat": (ratios("switch_frequency", *FLAT), ratios("switch_frequency", *FLAT[:-1], 9.5)),
-    "jump": (
-        by_case("switch_frequency", **{"10pct": 6.0, "110pct": 13.0}),
-        by_case("switch_frequency", **{"10pct": 6.0, "110pct": 11.0}),
-    ),
+    "jump": pair("switch_frequency", "10 %", "110 %", 6.0, 13.0, 11.0),
     "falls": (ratios("rmse", *FALLING, 0.04), ratios("rmse", *FALLING[:4], 0.7, *FALLING[5:], 0.04)),
-    "rises": (
-        by_case("rmse", **{"100pct": 0.100, "120pct": 0.102}), by_case("rmse", **{"100pct": 0.100, "120pct": 0.1005})
-    ),
-    "rises, settled": (
-        by_case("rmse_settled", **{"100pct": 0.100, "120pct": 0.102}),
-        by_case("rmse_settled", **{"100pct": 0.100, "120pct": 0.1005}),
-    ),
+    "rises": pair("rmse", "100 %", "120 %", 0.100, 0.102, 0.1005),
+    "rises, settled": pair("rmse_settled", "100 %", "120 %", 0.100, 0.102, 0.1005),
     "best": (ratios("rmse", *FALLING, 0.06, 0.2, 0.3, 0.4), ratios("rmse", *FALLING, 0.06, 0.04, 0.3, 0.4)),
     "finds": (learned("literal", 0.077, 5.5 * H), learned("literal", 0.056, 5.5 * H)),
     "three hours, every 15 min": (learned("every 15 min", 0.07, 2.9 * H), learned("every 15 min", 0.035, 1.0 * H)),
-    "three hours, twice the step": (
-        learned("twice the step", 0.07, 3.0 * H), learned("twice the step", 0.07, 3.01 * H)
-    ),
+    "three hours, twice the step": tuple(learned("twice the step", 0.07, hours * H) for hours in (3.0, 3.01)),
     "three hours, growing steps": (learned("growing steps", 0.07, 2.9 * H), learned("growing steps", np.nan, np.nan)),
-    "any start": (
-        xr.concat([learned("a", 0.07, 1.0), learned("b", 0.056, 1.0, 0.014)], "case"),
-        xr.concat([learned("a", 0.07, 1.0), learned("b", 0.056, 1.0, 0.007)], "case"),
+    "any start": tuple(
+        xr.concat([learned("a", 0.07, 1.0), learned("b", 0.056, 1.0, step)], "case") for step in (0.014, 0.007)
     ),
-    "volumes": (largest(8), largest(9)),
-    "heat": (
-        by_case("coil_energy", no_backlash=100.0, plain_PI=101.5),
-        by_case("coil_energy", no_backlash=100.0, plain_PI=99.0),
-    ),
-    "peak": (
-        by_case("coil_peak_power", no_backlash=100.0, plain_PI=101.5),
-        by_case("coil_peak_power", no_backlash=100.0, plain_PI=100.5),
-    ),
-    "noise": (
-        renamed(by_case("switch_frequency", a=5.0, b=11.0), **NOISE_CASES),
-        renamed(by_case("switch_frequency", a=5.0, b=9.0), **NOISE_CASES),
-    ),
+    "volumes": tuple(xr.Dataset({"largest": ("tuning", [n])}) for n in (8, 9)),
+    "heat": pair("coil_energy", *GOOD_AND_WORN, 100.0, 101.5, 99.0),
+    "peak": pair("coil_peak_power", *GOOD_AND_WORN, 100.0, 101.5, 100.5),
+    "noise": pair("switch_frequency", "95 %", "95 %, noise", 5.0, 11.0, 9.0),
     "buffer": (buffered(7.0, 0.2), buffered(8.0, 0.2)),
     "noise, learner": (noisy(0.07, 0.028), noisy(0.07, 0.077)),
     "buffer, learner": (learned("noise, buffer", 0.07, 5.5 * H), learned("noise, buffer", np.nan, np.nan)),
-    "against dead band": two_errors("95 %", "dead band"),
-    "against best PI": two_errors("95 %", "best PI"),
-    "best PI alone": two_errors("best PI", "95 %"),
-    "best PI with inverse": two_errors("best PI, 95 %", "best PI"),
-    "best against best": two_errors("best inverse", "best PI"),
-    "best against best, noise": two_errors("best inverse, noise, buffer", "best PI, noise"),
-}  # fmt: skip
+    "against dead band": errors("95 %", "dead band"),
+    "against best PI": errors("95 %", "best PI"),
+    "best PI alone": errors("best PI", "95 %"),
+    "best PI with inverse": errors("best PI, 95 %", "best PI"),
+    "best against best": errors("best inverse", "best PI"),
+    "best against best, noise": errors("best inverse, noise, buffer", "best PI, noise"),
+}
 """For each claim a result on which it holds, and one on which it does not."""
 
 
