@@ -54,7 +54,7 @@ from fastcoil.model.estimators.interface import defaults_of, is_sample
 _MOST_ROUNDS = 50
 _RETURNED = object()
 """What a block gives whose values are stored already."""
-_WORDS = {"real": "float", "flag": "bool", "whole": "int"}
+_WORDS = {"real": "float", "flag": "bool", "whole": "int", "": "None"}
 _UNKNOWN = {"While": "a while loop", "With": "with", "Raise": "raise", "Assert": "assert", "Break": "break",
             "Continue": "continue", "FunctionDef": "a function inside a function", "Try": "try"}  # fmt: skip
 
@@ -113,7 +113,6 @@ class Translator(Formulas):
         self.bounds: dict[str, int] = {}
         """Largest value of each counter."""
         self.functions: dict[Any, tuple[str, str, str] | None] = {}
-        self.sections: dict[Any, tuple[str, str]] = {}
         parameters = Record(self.Parameters, {n: self._parameter(n) for n in self.Parameters._fields})
         first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
         self.first: dict[str, Number] = {}
@@ -162,32 +161,32 @@ class Translator(Formulas):
         values = {self.goal: found[0]} | {self.fields[n]: one for n, one in found[1].fields.items()}
         blocks = {}
         for target, value in values.items():
-            with self._aside() as block:
+            with self._aside() as blocks[target]:
                 self._leave(target, value)
-            if block:
-                blocks[target] = block
+        blocks = {target: block for target, block in blocks.items() if block}
         if not blocks.keys() <= {*self.changing, self.goal}:
             self.changing |= blocks.keys()
             raise AgainError
         last: list[ast.stmt] = []
-        while blocks:
-            waits = {t: any(t in read_in(block) for o, block in blocks.items() if o != t) for t in blocks}
-            target = min(blocks, key=waits.__getitem__)  # the first that none waits for
+        for target in list(blocks):
             block = blocks.pop(target)
-            if waits[target]:  # two fields read one another
+            if any({target, f"{target}_known"} & read_in(other) for other in blocks.values()):
                 name = self._local(f"next_{target[2:]}", "next")
                 self._store(name, values[target])
                 with self._aside() as block:
                     self._leave(target, self._variable(name))
                 last += block
-                continue
-            for node in block:
-                if isinstance(node, ast.If):
-                    self._when(node.test, node.body, node.orelse)
-                else:
-                    self.out.append(node)
-        self.out += last
+            else:
+                self._append(block)
+        self._append(last)
         return _RETURNED
+
+    def _append(self, block: list[ast.stmt]) -> None:
+        for node in block:
+            if isinstance(node, ast.If):
+                self._when(node.test, node.body, node.orelse)
+            else:
+                self.out.append(node)
 
     def _leave(self, target: str, value: Any) -> None:
         """Store a part of what a step leaves; an estimate that is NaN is none."""
@@ -300,22 +299,21 @@ class Translator(Formulas):
         i = self._local(node.target.id, "loop")
         scope.names[node.target.id] = Number(ast.Name(i), "whole")
         self.unit.kinds[i] = "whole"
-        inside: ast.expr | None = None
+        inside: list[ast.expr] = []
         if len(ends) < 3:  # a loop of the languages has constant ends
             largest = self._largest(ends[-1])
             if largest is None:
-                raise self._refusal(
-                    f"{ast.unparse(call)} has no largest end", "give the loop a constant number of passes"
-                )
+                what = f"{ast.unparse(call)} has no largest end"
+                raise self._refusal(what, "give the loop a constant number of passes")
             if ends[-1].value is None:
-                inside = ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])
-                ends[-1] = constant(largest)
+                inside = [ast.Compare(ast.Name(i), [ast.Lt()], [ends[-1].text])]
+            ends[-1] = ends[-1] if not inside else constant(largest)
             self.bounds[i] = largest - 1
         # what a pass changes is not known in the next
         self.facts = {each for each in self.facts if each.removesuffix("_known") not in self.unsteady}
         with self._aside() as block:
             self._run(node.body, scope)
-        block = [ast.If(inside, block, [])] if inside and block else block
+        block = [ast.If(inside[0], block, [])] if inside and block else block
         if block:
             counted = ast.Call(ast.Name("range"), [one.text for one in ends], [])
             self.out.append(ast.For(ast.Name(i), counted, block, []))
@@ -354,9 +352,9 @@ class Translator(Formulas):
             raise self._refusal(f"it calls {ast.unparse(node.func)}", f"use {KNOWN} and functions written in Python")
         if id(node) in self.path:
             raise self._refusal(f"{python.__name__} calls itself", "write it as a loop")
-        before, self.path = self.path, (*self.path, id(node))
+        before, self.path = (self.path, self.where), (*self.path, id(node))
         found = self._called(python, given, keywords)
-        self.path = before
+        self.path, self.where = before
         return found
 
     def _called(self, python: FunctionType, given: list[Any], keywords: dict[str, Any]) -> Any:
@@ -366,34 +364,30 @@ class Translator(Formulas):
         behind = {n: constant(x) for n, x in zip(names[len(names) - len(defaults) :], defaults, strict=True)}
         values = behind | dict(zip(names, given, strict=False)) | keywords
         given = [values[n] for n in names]
-        if scope.is_formula and all(
-            isinstance(one, Number) and (one.is_atom or scope.read[n] < 2) for n, one in values.items()
-        ):
+        if scope.is_formula and all(one.is_atom or scope.read[n] < 2 for n, one in values.items() if _is_number(one)):
             with self._aside() as block:
                 found = self._inlined(python, given, lambda one: one)
             if isinstance(found, Number) and not block:
                 return found
         is_section = bool(given) and isinstance(given[0], Rows) and not has_return(scope.definition)
         numbers = {n: values[n] for n in names[is_section:]}
-        if all(isinstance(one, (Number, Choice)) for one in numbers.values()):
-            texts = [self._passed(n, one) for n, one in numbers.items()]
-            kinds = tuple(one.kind for one in texts)
-            if not any(one.is_nothing for one in texts) and not self._needs(*texts):
-                if is_section:
-                    name = self._section(python, kinds)
-                    self.out.append(ast.Expr(call_of(name, ast.Name("s"), *(one.text for one in texts))))
-                    return None
-                made = self._function(python, kinds)
-                if made is not None:
-                    return Number(call_of(made[0], *(one.text for one in texts)), made[1])
+        if all(map(_is_number, numbers.values())):
+            passed = [self._number(one, n) for n, one in numbers.items()]
+            made = None
+            if not any(one.is_nothing for one in passed) and not self._needs(*passed):
+                made = self._function(python, tuple(one.kind for one in passed), is_section)
+            if made and is_section:
+                self.out.append(ast.Expr(call_of(made[0], ast.Name("s"), *(one.text for one in passed))))
+                return None
+            if made:
+                return Number(call_of(made[0], *(one.text for one in passed)), made[1])
         return self._inlined(python, given, lambda one: one)
 
-    def _passed(self, name: str, value: Number | Choice) -> Number:
-        """A number as an argument of this name."""
-        return self._number(Choice(value.test, value.yes, value.no, name) if isinstance(value, Choice) else value)
+    def _function(self, python: FunctionType, kinds: tuple[str, ...], is_section: bool) -> tuple[str, str, str] | None:
+        """Name, kind and text of a function of the laws; ``None`` for one that cannot stand by itself.
 
-    def _function(self, python: FunctionType, kinds: tuple[str, ...]) -> tuple[str, str, str] | None:
-        """Name, kind and text of a function of the laws; ``None`` for one that cannot stand by itself."""
+        is_section: whether it works on the array and returns nothing.
+        """
         key, found = (python, kinds), set()
 
         def finish(value: Any) -> object:
@@ -410,34 +404,20 @@ class Translator(Formulas):
         if key not in self.functions:
             name = self._named(python.__name__.strip("_"), key, self.units[""])
             self.functions[key] = made = None
-            with self._elsewhere(key, key), suppress(InlineError):
-                head = self._arguments(python, kinds, finish)
-                if len(found) == 1:
-                    kind = found.pop()
-                    text = function_text(name, head, _WORDS[kind], docstring_of(python), needed(self.out, set()))
-                    made = (name, kind, text)
+            with self._elsewhere("" if is_section else key, key), suppress(InlineError):
+                names = self._scope(python, None).arguments[is_section:]
+                head = {self._local(n, "argument"): kind for n, kind in zip(names, kinds, strict=True)}
+                self.unit.kinds |= head
+                given = [Number(ast.Name(n), kind) for n, kind in head.items()]
+                self._inlined(python, [*([Rows()] if is_section else []), *given], finish)
+                kind = "" if is_section or len(found) != 1 else found.pop()
+                if kind or is_section:
+                    declared = [*(["s: State"] if is_section else []), *(f"{n}: {_WORDS[k]}" for n, k in head.items())]
+                    body = needed(self.out, {"s.w"})
+                    made = (name, kind, function_text(name, declared, _WORDS[kind], docstring_of(python), body))
             del self.functions[key]  # behind those that it calls
             self.functions[key] = made
         return self.functions[key]
-
-    def _section(self, python: FunctionType, kinds: tuple[str, ...]) -> str:
-        """Name of a function that works on the array and returns nothing."""
-        key = (python, kinds)
-        if key not in self.sections:
-            name = self._named(python.__name__.strip("_"), key)
-            with self._elsewhere("", key):
-                head = ["s: State", *self._arguments(python, kinds, lambda _: _RETURNED, Rows())]
-                text = function_text(name, head, "None", docstring_of(python), needed(self.out, {"s.w"}))
-            self.sections[key] = (name, text)
-        return self.sections[key][0]
-
-    def _arguments(self, python: FunctionType, kinds: tuple[str, ...], finish: Any, *rows: Rows) -> list[str]:
-        """Translate a function with arguments of some kinds.  Returns how they are declared."""
-        names = self._scope(python, None).arguments[len(rows) :]
-        head = {self._local(n, "argument"): kind for n, kind in zip(names, kinds, strict=True)}
-        self.unit.kinds |= head
-        self._inlined(python, [*rows, *(Number(ast.Name(n), kind) for n, kind in head.items())], finish)
-        return [f"{n}: {_WORDS[kind]}" for n, kind in head.items()]
 
     def _written(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
         """The texts, without constants and fields that nothing reads."""
@@ -445,9 +425,10 @@ class Translator(Formulas):
         name = self._named(self.rule, "rule")
         arguments = [n for n in ("T_sup", "T_set", "m_a") if n in read_in(body)]
         head = ["s: State", *(f"{n}: float" for n in arguments)]
-        sections = [*(text for _, text in self.sections.values())]
+        made = [one for one in self.functions.values() if one is not None]
+        sections = [*(text for _, kind, text in made if not kind)]
         sections.append(function_text(name, head, "None", docstring_of(python), body))
-        functions = [made[2] for made in self.functions.values() if made is not None]
+        functions = [text for _, kind, text in made if kind]
         used = set(re.findall(r"\bs\.(\w+)", "\n".join(sections)))
         fields = []
         for n, field in self.fields.items():
@@ -467,3 +448,7 @@ class Translator(Formulas):
             fields, start, functions, sections, f"{name}({', '.join(['s', *arguments])})",
             frozenset({*arguments, *(["T_seen"] if "T_seen" in read else [])}),
         )  # fmt: skip
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (Number, Choice))

@@ -45,7 +45,7 @@ class Choice:
     test: ast.expr
     yes: Number | Choice
     no: Number | Choice
-    name: str = "value"
+    name: str = ""
     kind = "choice"
     is_atom = False
 

@@ -219,10 +219,10 @@ class Variables:
 
     # kinds
 
-    def _number(self, value: Any) -> Number:
-        """A value as an expression."""
+    def _number(self, value: Any, name: str = "value") -> Number:
+        """A value as an expression; name: of the variable that a choice is stored in."""
         if isinstance(value, Choice):
-            name = self._local(value.name, ast.unparse(value.text))
+            name = self._local(value.name or name, ast.unparse(value.text))
             self._store(name, value)
             return self._variable(name)
         if not isinstance(value, Number):
