@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -55,53 +56,39 @@ class Column(NamedTuple):
 
 
 class Tidy:
-    """A result as rows: labels, parameters that differ, metrics, status.
+    """A checked result as rows: labels, parameters that differ, metrics, status.
 
-    Parameters
-    ----------
-    ds
-        A result, checked.
-    metrics
-        The results to have; all that are one number per scenario-day if there are none.
-
-    Raises
-    ------
-    InputError
-        For a metric that ``ds`` does not have, or that has several values per scenario-day.
+    metrics: the results to have; all that are one number per scenario-day by default.
     """
 
     def __init__(self, ds: xr.Dataset, metrics: tuple[str, ...] = ()) -> None:
-        self.ds, self.sizes = ds, dict(ds["status"].sizes)
         check_metrics(ds, metrics)
-        own = [n for n in ds.data_vars if n != "status" and set(ds[n].dims) <= set(self.sizes)]
-        coordinates = [n for n in ds.coords if n not in self.sizes and set(ds[n].dims) <= set(self.sizes)]
-        self.columns = [_column(ds, n) for n in (*self.sizes, *coordinates, *(metrics or own), "status")]
+        dims = list(ds["status"].sizes)
+        per_row = [str(n) for n in ds.variables if n not in (*dims, "status") and {*ds[n].dims} <= {*dims}]
+        coordinates = [n for n in per_row if n in ds.coords]
+        chosen = [*coordinates, *(metrics or (n for n in per_row if n in ds.data_vars)), "status"]
+        self.ds, self.dims = ds, dims
+        self.columns = [_column(ds, str(n)) for n in (*dims, *chosen)]
         self.n_rows = ds["status"].size
+        labels = {d: ds[d].values for d in dims}  # also of dimensions without labels
+        self._shown = ds.drop_vars([n for n in ds.variables if n not in (*dims, *chosen)]).assign_coords(labels)
 
     def pieces(self) -> Iterator[pd.DataFrame]:
-        """The rows, with plain names; that of the last label changes fastest."""
+        """The rows, with plain names; the last label changes fastest."""
         import pandas as pd
 
-        names = [column.name for column in self.columns]
-        for first in range(0, self.n_rows, _ROWS):
-            rows = np.arange(first, min(first + _ROWS, self.n_rows))
-            place = np.unravel_index(rows, tuple(self.sizes.values())) if self.sizes else ()
-            at: dict[Hashable, np.ndarray] = dict(zip(self.sizes, place, strict=True))
-            values = [self._values(column, at, rows.size) for column in self.columns]
-            yield pd.DataFrame(dict(zip(names, values, strict=True)))
-
-    def _values(self, column: Column, at: Mapping[Hashable, np.ndarray], n: int) -> Any:
-        import pandas as pd
-
-        variable = self.ds.variables.get(column.name)
-        if variable is None:  # a dimension without labels
-            return at[column.name]
-        values = variable.values[tuple(at[d] for d in variable.dims)] if variable.dims else variable.values
-        values = np.broadcast_to(values, (n,))
-        if not column.words:
-            return values
-        known = np.isin(values, np.arange(len(column.words)))
-        return pd.Categorical.from_codes(np.where(known, values, -1).astype(np.int8), list(column.words))
+        ds = self._shown if self.dims else self._shown.expand_dims("row")
+        first = next((d for d in self.dims if ds.sizes[d] > 1), None)
+        n = ds.sizes[first] if first else 1
+        step = max(1, _ROWS * n // self.n_rows)
+        for k in range(0, n, step):
+            part = ds.isel({first: slice(k, k + step)}) if first else ds
+            frame = part.to_dataframe(dim_order=self.dims or ["row"]).reset_index()
+            for name, words in ((column.name, column.words) for column in self.columns if column.words):
+                codes = frame[name].to_numpy()
+                known = np.isin(codes, np.arange(len(words)))
+                frame[name] = pd.Categorical.from_codes(np.where(known, codes, -1).astype(np.int8), list(words))
+            yield frame[[column.name for column in self.columns]]
 
 
 def check_metrics(ds: xr.Dataset, metrics: tuple[str, ...]) -> None:
@@ -132,13 +119,12 @@ def facts_of(ds: xr.Dataset) -> dict[str, str]:
     return {name: text for name, text in found.items() if text}
 
 
-def _column(ds: xr.Dataset, name: Hashable) -> Column:
-    variable = ds.variables.get(name)
-    attrs: Mapping[str, Any] = {} if variable is None else variable.attrs
-    words = tuple(str(attrs.get("flag_meanings", "")).split())
-    is_number = variable is not None and variable.dtype.kind in "iuf" and not words and name not in RESERVED_DIMS
-    unit = str(attrs.get("units", "")) if is_number else ""
-    return Column(str(name), unit, str(attrs.get("long_name", "")), words)
+def _column(ds: xr.Dataset, name: str) -> Column:
+    variable = ds[name]
+    words = tuple(str(variable.attrs.get("flag_meanings", "")).split())
+    is_number = variable.dtype.kind in "iuf" and not words and name not in RESERVED_DIMS
+    unit = str(variable.attrs.get("units", "")) if is_number else ""
+    return Column(name, unit, str(variable.attrs.get("long_name", "")), words)
 
 
 COMMENT = "#"
@@ -183,27 +169,18 @@ def write_parquet(table: Tidy, path: Path) -> None:
     more = {name: str(table.ds.attrs[name]) for name in _MORE if name in table.ds.attrs}
 
     def write(unfinished: Path) -> None:
-        writer: Any = None
-        try:
-            for piece in table.pieces():
-                if writer is None:
-                    schema = _described(pa.Schema.from_pandas(piece, preserve_index=False), table)
-                    schema = schema.with_metadata({**(schema.metadata or {}), **facts_of(table.ds), **more})
-                    writer = parquet.ParquetWriter(unfinished, schema)
-                writer.write_table(pa.Table.from_pandas(piece, schema, preserve_index=False))
-        finally:
-            if writer is not None:
-                writer.close()
+        pieces = table.pieces()
+        piece = next(pieces)
+        schema = pa.Schema.from_pandas(piece, preserve_index=False)
+        schema = schema.with_metadata({**(schema.metadata or {}), **facts_of(table.ds), **more})
+        for k, column in enumerate(table.columns):
+            known = {"units": column.unit, "long_name": column.meaning}
+            schema = schema.set(k, schema.field(k).with_metadata({name: text for name, text in known.items() if text}))
+        with parquet.ParquetWriter(unfinished, schema) as writer:
+            for each in chain([piece], pieces):
+                writer.write_table(pa.Table.from_pandas(each, schema, preserve_index=False))
 
     commit_written(path, write)
-
-
-def _described(schema: Any, table: Tidy) -> Any:
-    """The schema with units and meanings of its fields."""
-    for k, column in enumerate(table.columns):
-        known = {"units": column.unit, "long_name": column.meaning}
-        schema = schema.set(k, schema.field(k).with_metadata({name: text for name, text in known.items() if text}))
-    return schema
 
 
 _ESCAPED = {
@@ -240,7 +217,7 @@ def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
     check_metrics(ds, tuple(chosen))
     shown = [str(d) for d in ds["status"].dims if d not in CHANCE_DIMS and ds.sizes[d] > 1]
     _check_size(ds, shown, chosen)
-    pooled = [d for d in ds["status"].dims if d not in shown]
+    pooled = [str(d) for d in ds["status"].dims if d not in shown]
     columns = [_cells(ds, name, shown, pooled) for name in chosen]
     labels = [_labels(ds, d) for d in shown]
     head = [*(quantity_of(ds, d).axis for d in shown), *(quantity(name).axis for name in chosen)]
@@ -262,7 +239,7 @@ def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
 
 def _check_size(ds: xr.Dataset, shown: Sequence[str], metrics: Sequence[str]) -> None:
     problems = []
-    rows = int(np.prod([ds.sizes[d] for d in shown], dtype=int))
+    rows = math.prod(ds.sizes[d] for d in shown)
     if len(metrics) > _MOST_METRICS:
         problems.append(
             f"--metric: {len(metrics)} metrics are wider than a page, which takes {_MOST_METRICS}: give fewer, or --csv"
@@ -272,7 +249,7 @@ def _check_size(ds: xr.Dataset, shown: Sequence[str], metrics: Sequence[str]) ->
         widest = max(shown, key=lambda d: (d not in groups, ds.sizes[d]))
         problems.append(
             f"--latex: {rows:,} rows are more than a page takes, {_MOST_ROWS}: fix labels, such as --at "
-            f"{widest}={ds[widest].values[0] if widest in ds.coords else 0}, or write all of them with --csv"
+            f"{widest}={ds[widest].values[0]}, or write all of them with --csv"
         )
     problems += [
         f"--metric {name} is a word, which has no median: leave it out"
@@ -283,41 +260,38 @@ def _check_size(ds: xr.Dataset, shown: Sequence[str], metrics: Sequence[str]) ->
         raise InputError(problems)
 
 
-def _cells(ds: xr.Dataset, name: str, shown: Sequence[str], pooled: Sequence[object]) -> list[str]:
+def _cells(ds: xr.Dataset, name: str, shown: Sequence[str], pooled: Sequence[str]) -> list[str]:
     """The cells of a metric: median, and scatter where there is more than one value."""
-    of = quantity(name)
-    values = ds[name].where(ds["status"] == STATUS_OK).transpose(*shown, *pooled).values
-    rows = of.factor * values.reshape(int(np.prod([ds.sizes[d] for d in shown], dtype=int)), -1)
+    is_ok = ds["status"] == STATUS_OK
+    values = (quantity(name).factor * ds[name]).where(is_ok)
     censored = name in METRICS and METRICS[name].censored
-    if censored:
-        ok = (ds["status"] == STATUS_OK).transpose(*shown, *pooled).values.reshape(rows.shape)
-        rows = np.where(np.isnan(rows) & ok, np.inf, rows)
+    if censored:  # a time that never came
+        values = values.where(values.notnull() | ~is_ok, np.inf)
+    rows = values.transpose(*shown, *pooled).values.reshape(math.prod(ds.sizes[d] for d in shown), -1)
     found = [_median_and_scatter(row[~np.isnan(row)], name in _SHARES, censored) for row in rows]
     sizes = sorted(abs(middle) for middle, *_ in found if np.isfinite(middle) and middle != 0.0)
     decimals = max(0, 2 - math.floor(math.log10(sizes[len(sizes) // 2]))) if sizes else 0
-    return [_cell(*each, decimals, "never" if censored else "∞") for each in found]
+    cells = []
+    for numbers in found:
+        texts = ["never" if censored and np.isinf(v) else written(v, decimals) for v in numbers]
+        alike = len(texts) == 1 or (np.isinf(numbers[1]) and numbers[1] == numbers[2])
+        cells.append(escaped(texts[0] if alike else f"{texts[0]} ({texts[1]} to {texts[2]})"))
+    return cells
 
 
-def _median_and_scatter(values: np.ndarray, is_share: bool, censored: bool) -> tuple[float, float, float]:
-    if not values.size:
-        return np.nan, np.nan, np.nan
-    if is_share:
-        return float(values.mean()), np.nan, np.nan
+def _median_and_scatter(values: np.ndarray, is_share: bool, censored: bool) -> Sequence[float]:
+    """The median, and from where to where the values lie if there are several; the mean of shares."""
+    if not values.size or is_share:
+        return [float(values.mean())] if values.size else [np.nan]
     # a time that never came takes no part in arithmetic
     method: Literal["inverted_cdf", "linear"] = "inverted_cdf" if censored else "linear"
     middle = float(np.quantile(values, 0.5, method=method))
     if values.size == 1:
-        return middle, np.nan, np.nan
+        return [middle]
     if values.size < FEWEST_FOR_A_BAND:
         return middle, float(values.min()), float(values.max())
     low, high = np.quantile(values, BAND, method=method)
     return middle, float(low), float(high)
-
-
-def _cell(middle: float, low: float, high: float, decimals: int, infinite: str) -> str:
-    texts = [infinite if np.isinf(v) else written(v, decimals) for v in (middle, low, high)]
-    alike = np.isnan(low) or (np.isinf(low) and low == high)
-    return escaped(texts[0] if alike else f"{texts[0]} ({texts[1]} to {texts[2]})")
 
 
 def _labels(ds: xr.Dataset, dim: str) -> list[str]:
@@ -329,25 +303,21 @@ def _labels(ds: xr.Dataset, dim: str) -> list[str]:
 
 def _header(text: str) -> str:
     """A cell of the header in lines of their own, for a narrow column."""
+    lines = [escaped(line) for line in fill(text, _HEADER, break_long_words=False).splitlines()]
     # after a line break a bracket would be its length
-    lines = [
-        escaped(line).replace("[", "{[}", 1) if line[0] == "[" else escaped(line)
-        for line in fill(text, _HEADER, break_long_words=False).splitlines()
-    ]
+    lines = [line.replace("[", "{[}", 1) if line[0] == "[" else line for line in lines]
     return r"\shortstack{" + r"\\".join(lines) + "}" if len(lines) > 1 else lines[0]
 
 
-def _note(ds: xr.Dataset, pooled: Sequence[object], metrics: Sequence[str]) -> str:
+def _note(ds: xr.Dataset, pooled: Sequence[str], metrics: Sequence[str]) -> str:
     """What the numbers are, for the caption."""
     spread = [d for d in pooled if ds.sizes[d] > 1]
     failed = int(((ds["status"] != STATUS_OK) & ds["status"].notnull()).sum())
     end = f"; without {failed:,} scenario{'s' * (failed > 1)}, which failed" if failed else ""
     if not spread:
         return f"Single scenarios{end}."
-    n = int(np.prod([ds.sizes[d] for d in spread], dtype=int))
-    over = " and ".join(str(ds[d].attrs["pooled_as"]) if d in ds.coords and "pooled_as" in ds[d].attrs
-                        else f"{ds.sizes[d]:,} {d}s" for d in spread)  # fmt: skip
-    edges = "10th to 90th percentile" if n >= FEWEST_FOR_A_BAND else "lowest to highest"
+    over = " and ".join(str(ds[d].attrs.get("pooled_as", f"{ds.sizes[d]:,} {d}s")) for d in spread)
+    is_band = math.prod(ds.sizes[d] for d in spread) >= FEWEST_FOR_A_BAND
     shares = [quantity(m).text for m in metrics if m in _SHARES]
     mean = f"; {' and '.join(shares)}: mean" if shares else ""
-    return f"Median ({edges}) over {over}{mean}{end}."
+    return f"Median ({'10th to 90th percentile' if is_band else 'lowest to highest'}) over {over}{mean}{end}."
