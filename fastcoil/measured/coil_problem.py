@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from threading import current_thread, main_thread
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +36,6 @@ _AS_DRY = "as that of heat alone"
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
 _LONGEST_DAYS = 60
-_SHORT = 4_000_000  # steps of parameter sets that take about a second
 _STILL, _MOSTLY = 0.05, 0.95
 """Air stands still below the first share of the flow that it stays below for the second share of the time."""
 _ROUND_OFF = 1e-6  # of times counted from the start of a piece, s
@@ -102,7 +100,8 @@ class Record:
     def run(self, sets: Array) -> CoilRun:
         """The model over the record with each parameter set (8, sets); NaN for sets that are unstable."""
         matrix = self._matrix(sets)
-        of_pieces = [_run(matrix, piece) for piece in self.pieces]
+        # Ctrl-C is heard while a long one runs
+        of_pieces = within(None, lambda: [run_coil(matrix, piece.series, piece.at) for piece in self.pieces])
         found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
         unstable = self._unstable(sets, self.limits)
         for whole in found:
@@ -128,13 +127,6 @@ class Record:
         matrix = np.repeat(base, sets.shape[1], axis=1)
         matrix[_ROWS] = self.values(sets)
         return matrix
-
-
-def _run(matrix: Array, piece: Piece) -> tuple[Array, ...]:
-    """The model over one piece; Ctrl-C is heard while a long one runs."""
-    if piece.series.shape[0] * matrix.shape[1] < _SHORT or current_thread() is not main_thread():
-        return run_coil(matrix, piece.series, piece.at)
-    return within(None, lambda: run_coil(matrix, piece.series, piece.at))
 
 
 def in_operation(log: Log) -> Log:
@@ -170,11 +162,9 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Re
     require_days(log, pieces)
     holds = COIL_COLUMNS if log.change_of_value else holds
     found = []
-    for i in pieces:
-        time = log.time[i] - log.time[i[0]]
-        seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
-        series = at_seconds(time, {name: values[name][i] for name in COIL_COLUMNS}, seconds, holds, slack=_ROUND_OFF)
-        found.append(Piece(np.stack(list(series.values()), axis=1), np.floor(time + 0.5).astype(np.int64)))
+    for piece in pieces:
+        series, at = on_seconds(log.time[piece], {name: values[name][piece] for name in COIL_COLUMNS}, holds)
+        found.append(Piece(np.stack(list(series.values()), axis=1), at))
     return Record(
         pieces=tuple(found),
         loop=loop,
@@ -183,6 +173,13 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Re
         limits=_limits(of_fit, loop),
         limits_of_all=_limits(values, loop),
     )
+
+
+def on_seconds(time: Array, values: Mapping[str, Array], holds: Collection[str]) -> tuple[dict[str, Array], Index]:
+    """The series of an unbroken piece at every second since its first sample, and the second of each sample."""
+    time = time - time[0]
+    seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
+    return at_seconds(time, values, seconds, holds, slack=_ROUND_OFF), np.floor(time + 0.5).astype(np.int64)
 
 
 def number_in(loop: Loop, name: str) -> float:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import xarray as xr
@@ -82,6 +83,33 @@ class Fit(Result):
     seconds: float
     extras: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
+    @classmethod
+    def of(
+        cls, data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
+        names: Sequence[str], covariance: Array, **others: Any,
+    ) -> Self:  # fmt: skip
+        """The fit of a log, begun at the time ``started``.
+
+        part: of each sample.  series: the measured and modelled ones with their units.  names, covariance: of the
+        estimated parameters.
+        """
+        columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
+        residuals = xr.Dataset(
+            {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
+            | {name: ("elapsed_time", values) for name, values in columns.items()},
+            {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})},
+        )
+        return cls(
+            source=data.name,
+            residuals=residuals,
+            standard_errors=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+            covariance=xr.DataArray(
+                covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2")
+            ),
+            seconds=time.perf_counter() - started,
+            **others,
+        )
+
     @property
     def correlation(self) -> xr.DataArray:
         """Correlations of the estimates."""
@@ -150,21 +178,6 @@ def is_fit(path: Path) -> bool:
         return False
 
 
-def residuals_of(data: Log, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]]) -> xr.Dataset:
-    """The ``residuals`` of a fit: each series with its unit; part, batch, row and name of the log of every sample."""
-    columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
-    return xr.Dataset(
-        {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
-        | {name: ("elapsed_time", values) for name, values in columns.items()},
-        {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})},
-    )
-
-
-def labelled(covariance: Array, names: list[str]) -> xr.DataArray:
-    """A covariance matrix with its names."""
-    return xr.DataArray(covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2"))
-
-
 def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[float, float]:
     """95 % interval of a parameter that may be searched by its logarithm."""
     low, high = middle - half, middle + half
@@ -180,6 +193,14 @@ def rmse_of(part: NDArray[np.str_], errors: Mapping[str, Array]) -> dict[str, fl
             if here.any():
                 found[f"{name}{ending}"] = float(np.sqrt(np.mean(error[here] ** 2)))
     return found
+
+
+def profile_of(grid: Array, rmse: Array, unit: str, interval: tuple[float, float], **limit: float) -> xr.Dataset:
+    """The ``profile`` of a fit: least RMSE with the backlash held at each value of ``grid``."""
+    attrs = limit | {"interval_95": list(interval)}
+    return xr.Dataset(
+        {"rmse": ("backlash", rmse, {"units": unit})}, {"backlash": ("backlash", grid, {"units": "1"})}, attrs
+    )
 
 
 def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
+from numpy.typing import NDArray
 
 from fastcoil.base.arguments import checking, choice_of, number_of, plain
 from fastcoil.base.arrays import Array
@@ -26,7 +26,7 @@ from fastcoil.measured.coil_problem import (
     in_operation,
     record_of,
 )
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, residuals_of, rmse_of
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, natural_interval, poor, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.model.parameter_table import PARAMETERS
@@ -175,7 +175,7 @@ def _fit_of(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit
             held.setdefault(COIL[k], _STABLE if k == LN_C_W and best.x[k] < problem.prior[k] else AT_BOUND)
     estimated = [k for k, name in enumerate(COIL) if name not in held]
 
-    residuals, rmse = _residuals(problem, x)
+    part, series, rmse = _compared(problem, x)
     fitted = problem.compared["T_sup"] & problem.fitting
     notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
     notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
@@ -185,27 +185,18 @@ def _fit_of(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit
     if marched:
         given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
         notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
-    return Fit(
-        kind="coil",
-        source=data.name,
-        parameters={name: float(v) for name, v in zip(COIL, values, strict=True)},
-        standard_errors={COIL[k]: math.sqrt(covariance[k, k]) for k in estimated},
+    return Fit.of(
+        data, started, part, series, [COIL[k] for k in estimated], covariance[np.ix_(estimated, estimated)],
+        kind="coil", unit="K", parameters=dict(zip(COIL, values.tolist(), strict=True)),
         intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
-        covariance=labelled(covariance[np.ix_(estimated, estimated)], [COIL[k] for k in estimated]),
-        profile=None,
-        residuals=residuals,
-        rmse=rmse,
-        unit="K",
-        n_used=spread.n_used,
-        n_effective=spread.n_effective,
-        held=held,
-        notes=notes,
-        seconds=time.perf_counter() - started,
-    )
+        profile=None, rmse=rmse, held=held, notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
+    )  # fmt: skip
 
 
-def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, float]]:
-    """Measured and modelled temperatures over all samples, and RMSE by part."""
+def _compared(
+    problem: CoilProblem, x: Array
+) -> tuple[NDArray[np.str_], dict[str, tuple[Array, str]], dict[str, float]]:
+    """The part of each sample, measured and modelled temperatures with their units, and RMSE by part."""
     data, compared = problem.data, problem.compared
     found = {name: values[:, 0] for name, values in problem.record.run(x)._asdict().items()}
     if not problem.record.is_stable(x):
@@ -228,4 +219,4 @@ def _residuals(problem: CoilProblem, x: Array) -> tuple[xr.Dataset, dict[str, fl
         rmse |= rmse_of(of_log, {ending: error})
     series["wet_volumes"] = found["wet_volumes"], "1"
     series |= {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}
-    return residuals_of(data, part, series), rmse
+    return part, series, rmse

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, number_of
 from fastcoil.base.errors import shown
@@ -17,7 +16,7 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.loop import Loop
 from fastcoil.measured.coil_problem import in_operation
-from fastcoil.measured.fit import Fit, labelled, poor, residuals_of, rmse_of
+from fastcoil.measured.fit import Fit, poor, profile_of, rmse_of
 from fastcoil.measured.loop_problem import LARGEST, LoopProblem, LoopSolution
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
@@ -153,28 +152,14 @@ def _fit_of(problem: LoopProblem, solution: LoopSolution, started: float) -> Loo
         rmse, measured[fitted], "T_sup", "units, columns, and whether the loop is that of the log"
     )
     known = {} if why else {"backlash": solution.backlash}
-    return LoopFit(
-        kind="loop",
-        source=data.name,
-        parameters=known,
-        standard_errors={name: solution.error for name in known},
-        intervals=dict.fromkeys(known, solution.interval),
-        covariance=labelled(np.full((len(known), len(known)), solution.error**2), list(known)),
-        profile=xr.Dataset(
-            {"rmse": ("backlash", solution.rmse, {"units": "K"})},
-            {"backlash": ("backlash", solution.grid, {"units": "1"})},
-            {"interval_95": list(solution.interval)},
-        ),
-        residuals=residuals_of(data, part, series),
-        rmse=rmse,
-        unit="K",
-        n_used=int(fitted.sum()),
-        n_effective=float(solution.n_blocks),
-        held={"backlash": why} if why else {},
-        notes=notes,
-        seconds=time.perf_counter() - started,
+    return LoopFit.of(
+        data, started, part, series, list(known), np.full((len(known), len(known)), solution.error**2),
+        kind="loop", unit="K", parameters=known, intervals=dict.fromkeys(known, solution.interval),
+        profile=profile_of(solution.grid, solution.rmse, "K", solution.interval),
+        rmse=rmse, held={"backlash": why} if why else {}, notes=notes,
+        n_used=int(fitted.sum()), n_effective=float(solution.n_blocks),
         extras={"backlash": np.array(solution.backlash), "interval": np.array(solution.interval)},
-    )
+    )  # fmt: skip
 
 
 def _why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from fastcoil.base.arguments import checking, choice_of, number_of, plain
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, labelled, natural_interval, poor, residuals_of, rmse_of
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, natural_interval, poor, profile_of, rmse_of
 from fastcoil.measured.lag import with_lag, without_lag
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
@@ -28,7 +26,6 @@ _LEAST_REACH = 0.02  # a command that stays below this share of the stroke has t
 _LEAST_SHARE = 0.8  # noise may lift readings above the asymptotic flow, but it is at least this share of them
 _LARGEST_FLOW = 1e6  # of any valve, kg/s
 _FEWEST_ROWS = 3  # rows of a piece, on average: where in its gap a piece starts is one more unknown
-_MANY_PIECES = 50  # a fit of more takes minutes
 _LONGEST_LAG = 86400.0
 
 # what is suspicious about a command
@@ -144,25 +141,13 @@ def _lag_of(lag: Any) -> float | str:
 
 
 def _in_order(data: Log) -> Log:
-    """Refuse a log that is no record in time, before any work; warn of one whose fit takes long."""
-    n_back, n_rows, n_pieces = int((np.diff(data.time) <= 0.0).sum()), data.time.size, data.n_batches
-    if 2 * n_back > n_rows:
-        raise InputError(
-            f"{data.name}: time goes back after {n_back:,} of {n_rows:,} rows: the log looks reversed, newest row "
-            "first; sort its rows, oldest first"
-        )
-    unknown = "each with a start of its own to be found"
+    """Refuse a log that is no record in time, before any work."""
+    n_rows, n_pieces = data.time.size, data.n_batches
     if n_rows < _FEWEST_ROWS * n_pieces:
         raise InputError(
-            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, {unknown}: give at least {_FEWEST_ROWS} "
-            "rows for each piece; where gaps cut the log, pass max_gap to bridge them, where time goes back, sort the "
-            "rows, oldest first"
-        )
-    if n_pieces > _MANY_PIECES:
-        warnings.warn(
-            f"{data.name} is in {n_pieces:,} pieces, {unknown}: this takes minutes; where gaps cut the log, max_gap "
-            "bridges them",
-            stacklevel=4,
+            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, each with a start of its own to be found: "
+            f"give at least {_FEWEST_ROWS} rows for each piece; where gaps cut the log, pass max_gap to bridge them, "
+            "where time goes back, sort the rows, oldest first"
         )
     return data
 
@@ -255,49 +240,32 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     if reach < 0.9:
         notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
     notes += [*of_signal, *filter(None, [found.note])]
-    residuals, rmse = _residuals(problem, solution)
-    notes += poor(rmse, flow, "m_w", "units, columns, and whether the pump ran")
-    n_compared = solution.model.used.sum()
-    return Fit(
-        kind="valve",
-        source=problem.data.name,
-        parameters=parameters,
-        standard_errors={VALVE_ROWS[k]: math.sqrt(covariance[k, k]) for k in estimated},
-        intervals=intervals,
-        covariance=labelled(covariance[np.ix_(estimated, estimated)], names),
-        profile=xr.Dataset(
-            {"rmse": ("backlash", np.sqrt(profiled.sums / n_compared), {"units": "kg s-1"})},
-            {"backlash": ("backlash", profiled.grid, {"units": "1"})},
-            {"limit": math.sqrt(profiled.limit / n_compared), "interval_95": list(found.interval)},
-        ),
-        residuals=residuals,
-        rmse=rmse,
-        unit="kg/s",
-        n_used=spread.n_used,
-        n_effective=spread.n_effective,
-        held=held,
-        notes=notes,
-        seconds=time.perf_counter() - started,
-        extras={"floor": np.array(problem.floor), "curve": natural},
-    )
-
-
-def _residuals(problem: ValveProblem, solution: ValveSolution) -> tuple[xr.Dataset, dict[str, float]]:
-    """Measured and modelled flows over the whole log, also without backlash; RMSE by part."""
+    n_pieces = int(problem.batch[-1]) + 1
     modelled = []
-    for one in (solution.estimate, solution.without_backlash):
-        start = np.full((int(problem.batch[-1]) + 1, 1), 0.5)  # unknown for a batch held back
+    for one in (best, solution.without_backlash):
+        start = np.full((n_pieces, 1), 0.5)  # unknown for a batch held back
         start[: one.x.size - 5, 0] = one.x[5:]
         modelled.append([a[:, 0] for a in problem.flows(one.x[:5, None], start, problem.command.size)])
-    (openings, flow), (_, plain) = modelled
+    (openings, with_it), (_, without) = modelled
     part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
+    rmse = rmse_of(part, {"": with_it - problem.flow, "_without_backlash": without - problem.flow})
+    notes += poor(rmse, flow, "m_w", "units, columns, and whether the pump ran")
+    n_compared = solution.model.used.sum()
+    limit = math.sqrt(profiled.limit / n_compared)
     series = {
         "m_w": (problem.flow, "kg s-1"),
-        "modelled": (flow, "kg s-1"),
-        "modelled_without_backlash": (plain, "kg s-1"),
-        "residual": (problem.flow - flow, "kg s-1"),
+        "modelled": (with_it, "kg s-1"),
+        "modelled_without_backlash": (without, "kg s-1"),
+        "residual": (problem.flow - with_it, "kg s-1"),
         "command": (problem.command, "1"),
         "opening": (openings, "1"),
     }
-    errors = {"": flow - problem.flow, "_without_backlash": plain - problem.flow}
-    return residuals_of(problem.data, part, series), rmse_of(part, errors)
+    return Fit.of(
+        problem.data, started, part, series, names, covariance[np.ix_(estimated, estimated)],
+        kind="valve", unit="kg/s", parameters=parameters, intervals=intervals, rmse=rmse, held=held, notes=notes,
+        profile=profile_of(
+            profiled.grid, np.sqrt(profiled.sums / n_compared), "kg s-1", found.interval, limit=limit
+        ),
+        n_used=spread.n_used, n_effective=spread.n_effective,
+        extras={"floor": np.array(problem.floor), "curve": natural},
+    )  # fmt: skip

@@ -10,12 +10,12 @@ import numpy as np
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
-from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
+from fastcoil.logs.pieces import require_whole_seconds
 from fastcoil.logs.series import counted
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.coil_problem import number_in, require_days, require_temperatures
+from fastcoil.measured.coil_problem import number_in, on_seconds, require_days, require_temperatures
 from fastcoil.measured.part import Part, unbroken
 from fastcoil.measured.valve_problem import reversals
 
@@ -103,7 +103,8 @@ class LoopProblem:
 
     def _pieces(self, warm_up: float) -> list[_Piece]:
         data, found = self.data, []
-        values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in", "command")}
+        values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in")}
+        values |= dict.fromkeys(("held", "straight"), data.values["command"])
         values["W_a_in"] = data.humidity_ratio(number_in(self.loop, "pressure"))
         pieces = unbroken(data.batch)
         kept = [samples for samples in pieces if self.compared[samples].any()]
@@ -111,13 +112,10 @@ class LoopProblem:
             self.notes.append(f"{counted(len(pieces) - len(kept), 'piece')} shorter than the warm-up left out")
         require_days(data, kept)
         for samples in kept:
-            time = data.time[samples] - data.time[samples[0]]
-            require_span(data.name, float(time[-1]))
-            seconds = np.arange(int(time[-1] + 0.5) + 1, dtype=float)
-            series = at_seconds(time, {n: v[samples] for n, v in values.items()}, seconds, ("command",), slack=1e-6)
-            commands = {"held": series.pop("command"), "straight": np.interp(seconds, time, values["command"][samples])}
-            day = Boundary(**series, T_set=0.0, enabled=1.0)
-            found.append(_Piece(samples, day, commands, np.floor(time + 0.5).astype(np.int64)))
+            of_piece = {name: series[samples] for name, series in values.items()}
+            series, at = on_seconds(data.time[samples], of_piece, ("held",))
+            commands = {runs: series.pop(runs) for runs in ("held", "straight")}
+            found.append(_Piece(samples, Boundary(**series, T_set=0.0, enabled=1.0), commands, at))
         if len(found) > 1:
             self.notes.append(
                 f"{counted(len(found), 'unbroken piece')}, each starting at {self.loop['T_initial']} degC, the first "

@@ -33,14 +33,14 @@ def test_known_coils_with_white_and_autocorrelated_noise_are_found_within_the_in
 
 
 def test_validation_is_as_good_as_the_noise_and_the_leaving_water_comes_out_too():
-    fit = fc.fit_coil(coil_log(hours=3, seed=4, sd=0.1))
+    fit = fc.fit_coil(coil_log(hours=1.5, seed=4, sd=0.1))
     assert fit.rmse["fit"] == pytest.approx(0.1, rel=0.05)
     assert fit.rmse["validation"] == pytest.approx(0.1, rel=0.05)
     assert fit.rmse["validation_T_w_out"] < 0.1
     part = fit.residuals["part"].values
     assert set(part[:1800]) == {"unused"}
-    assert set(part[1800:7560]) == {"fit"}
-    assert set(part[7560:]) == {"validation"}
+    assert set(part[1800:3780]) == {"fit"}
+    assert set(part[3780:]) == {"validation"}
 
 
 def test_both_temperatures_identify_more_than_one():
@@ -53,7 +53,7 @@ def test_both_temperatures_identify_more_than_one():
 def test_another_form_of_the_model_is_fitted_as_such():
     """In parts of a second the water of a volume may be renewed within less than one."""
     other = {"n_volumes": 6, "air_march": "quasistatic", "substeps": 3}
-    fit = fc.fit_coil(coil_log(seed=6, sd=0.02, **other, C_w=4.0), split=1.0, **other)
+    fit = fc.fit_coil(coil_log(hours=1, seed=6, sd=0.02, **other, C_w=4.0), split=1.0, **other)
     assert fit.parameters["C_w"] == pytest.approx(4.0, rel=0.1)
     assert fit.rmse["fit"] == pytest.approx(0.02, rel=0.1)
     assert fit.parameters["C_c"] == pytest.approx(30.0, rel=0.02)
@@ -84,7 +84,7 @@ def test_intervals_of_95_per_cent_cover_the_truth_that_often():
 
 
 def test_a_constant_air_flow_holds_its_exponents_at_a_prior():
-    fit = fc.fit_coil(coil_log(seed=8, air=False), split=1.0)
+    fit = fc.fit_coil(coil_log(hours=1, seed=8, air=False), split=1.0)
     assert {"beta4", "beta6"} <= fit.held.keys()
     assert "the air flow is constant" in fit.held["beta4"]
     assert fit.parameters["beta4"] == -0.45
@@ -92,7 +92,7 @@ def test_a_constant_air_flow_holds_its_exponents_at_a_prior():
 
 
 def test_a_coil_that_is_never_wet_says_so():
-    fit = fc.fit_coil(coil_log(seed=9, dry=True), split=1.0)
+    fit = fc.fit_coil(coil_log(hours=1, seed=9, dry=True), split=1.0)
     assert fit.held["beta5"] == fit.held["beta6"] == "as that of heat alone: the coil is never wet"
     assert fit.parameters["beta5"] == fit.parameters["beta3"]
     assert_covered(fit, COIL_TRUTH)
@@ -129,7 +129,7 @@ def test_a_log_that_the_model_cannot_explain_is_noted():
 
 @pytest.fixture(scope="module")
 def fit():
-    return fc.fit_coil(coil_log(seed=13, air=False))
+    return fc.fit_coil(coil_log(hours=1.5, seed=13, air=False))
 
 
 def test_the_result_has_what_is_promised(fit):

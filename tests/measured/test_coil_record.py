@@ -35,45 +35,45 @@ def night(log, hours=1.0):
 
 @pytest.fixture(scope="module")
 def two_days():
-    return coil_log(hours=1.5, seed=41), coil_log(hours=1.5, seed=42)
+    return coil_log(hours=1, seed=41), coil_log(hours=1, seed=42)
 
 
 @pytest.fixture(scope="module")
 def broken(two_days):
     first, second = two_days
-    return fc.fit_coil(joined(first, shifted(second, 9000.0)), split=1.0)
+    return fc.fit_coil(joined(first, shifted(second, 7200.0)), split=1.0)
 
 
 def test_after_a_gap_the_model_starts_again_with_a_warm_up(broken):
     assert_covered(broken, COIL_TRUTH)
     assert broken.rmse["fit"] == pytest.approx(0.05, rel=0.05)
-    assert any("1 gap in time (first: 3601 s between rows 5399 and 5400)" in note for note in broken.notes)
+    assert any("1 gap in time (first: 3601 s between rows 3599 and 3600)" in note for note in broken.notes)
     assert any("2 unbroken pieces, each starting at 20 degC, the first 1800 s of each" in note for note in broken.notes)
     part = broken.residuals["part"].values
-    for first in (0, 5400):
+    for first in (0, 3600):
         assert set(part[first : first + 1800]) == {"unused"}
-        assert set(part[first + 1800 : first + 5400]) == {"fit"}
+        assert set(part[first + 1800 : first + 3600]) == {"fit"}
 
 
 def test_every_piece_starts_as_the_whole_record_does(two_days):
     """For the same day twice, with a gap between, the model gives the same twice, to the bit."""
     first, _ = two_days
-    log = read_log(joined(first, shifted(first, 9000.0)), COIL_SERIES)
+    log = read_log(joined(first, shifted(first, 7200.0)), COIL_SERIES)
     record = record_of(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool))
     assert len(record.pieces) == 2
     rng = np.random.default_rng(43)
     sets = np.log([[8.8], [10.0], [0.35], [1.0], [0.35], [1.0], [0.4], [1.0]]) + rng.uniform(0.0, 0.2, (8, 3))
     for values in record.run(sets):
         assert np.isfinite(values).all()
-        np.testing.assert_array_equal(values[:5400], values[5400:])
+        np.testing.assert_array_equal(values[:3600], values[3600:])
 
 
 def test_nights_without_air_are_left_out_and_counted(two_days):
     """What remains is the log of both days, so that the fit is the one of that log."""
     first, second = two_days
-    log = in_operation(read_log(joined(first, shifted(night(first), 5399.0), shifted(second, 9000.0)), COIL_SERIES))
-    assert "3,600 samples in 1 spell left out, no air flows (first in row 5400)" in log.notes[-1]
-    days = read_log(joined(first, shifted(second, 9000.0)), COIL_SERIES)
+    log = in_operation(read_log(joined(first, shifted(night(first), 3599.0), shifted(second, 7200.0)), COIL_SERIES))
+    assert "3,600 samples in 1 spell left out, no air flows (first in row 3600)" in log.notes[-1]
+    days = read_log(joined(first, shifted(second, 7200.0)), COIL_SERIES)
     np.testing.assert_array_equal(log.batch, days.batch)
     for name, values in days.values.items():
         np.testing.assert_array_equal(log.values[name], values)
@@ -81,7 +81,7 @@ def test_nights_without_air_are_left_out_and_counted(two_days):
 
 def test_a_declared_shut_off_is_as_one_without_air(two_days):
     first, second = two_days
-    log = joined(first, shifted(night(first), 5399.0), shifted(second, 9000.0))
+    log = joined(first, shifted(night(first), 3599.0), shifted(second, 7200.0))
     log["m_a"].values[log["m_a"].values < 0.1] = 1.0
     log["enabled"] = ("elapsed_time", log["T_sup"].values != 24.0)
     declared = in_operation(read_log(log, COIL_SERIES._replace(optional=("T_w_out", "enabled"))))
@@ -101,10 +101,10 @@ def problem_of(log, warm_up=1800.0, share=1.0):
 
 def test_leaving_water_that_stands_still_is_not_compared(two_days):
     log = two_days[0].copy(deep=True)
-    log["m_w"][4000:4600] = 0.0
-    log["T_w_out"][4000:4600] = 60.0
+    log["m_w"][2600:3200] = 0.0
+    log["T_w_out"][2600:3200] = 60.0
     problem = problem_of(log)
-    np.testing.assert_array_equal(np.flatnonzero(~problem.compared["T_w_out"][1800:]), np.arange(2200, 2800))
+    np.testing.assert_array_equal(np.flatnonzero(~problem.compared["T_w_out"][1800:]), np.arange(800, 1400))
     assert problem.compared["T_sup"][1800:].all()
     assert "600 samples of T_w_out not compared: no water flows" in problem.notes
 

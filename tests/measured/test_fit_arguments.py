@@ -11,6 +11,10 @@ import fastcoil as fc
 pytestmark = pytest.mark.kernel
 
 
+class Reached(Exception):
+    """The fit would begin."""
+
+
 def test_constants_short_logs_and_other_units_are_refused(valve_log):
     still = [[t, "0.5", m] for t, _, m in valve_rows()]
     assert "command is 0.5 from row 2 to row 61" in refusal(fc.fit_valve, valve_log(still))
@@ -83,9 +87,6 @@ def test_arguments_of_a_wrong_type_are_refused_for_a_coil(coil_log, options, sen
 def test_one_name_or_none_holds_as_a_list_of_them_does(coil_log, monkeypatch):
     held = []
 
-    class Reached(Exception):
-        pass
-
     def problem(*arguments):
         held.append(arguments[-1])
         raise Reached
@@ -95,6 +96,29 @@ def test_one_name_or_none_holds_as_a_list_of_them_does(coil_log, monkeypatch):
         with pytest.raises(Reached):
             fc.fit_coil(coil_log(coil_rows()), holds=holds)
     assert held == [("m_w",), ("m_w",), (), ()]
+
+
+def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_then_is_not(monkeypatch):
+    def solve(*_):
+        raise Reached
+
+    monkeypatch.setattr("fastcoil.measured.valve_problem.ValveProblem.solve", solve)
+    time = 10.0 * np.arange(240)
+    command = 0.5 + 0.4 * np.sin(time / 100.0)
+    log = log_of(command, 2.0 * command**2, 10.0)
+
+    def at(time):
+        return log.assign_coords(elapsed_time=("elapsed_time", time, {"units": "s"}))
+
+    words = "its 240 rows are in 120 pieces.*at least 3 rows for each.*max_gap"
+    with pytest.raises(fc.InputError, match=words):
+        fc.fit_valve(at(time + 500.0 * (np.arange(240) // 2)), max_gap=100.0)
+    reversed_log = at(time[::-1])
+    for given in ({"log": reversed_log}, {"log": log, "validation": reversed_log}):
+        with pytest.raises(fc.InputError, match="where time goes back, sort the rows, oldest first"):
+            fc.fit_valve(**given, jumps="split")
+    with pytest.raises(Reached):
+        fc.fit_valve(at(time - 3600.0 * (np.arange(240) > 120)), jumps="split")
 
 
 def test_numbers_of_numpy_are_numbers(valve_log):

@@ -17,7 +17,7 @@ from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.measured.coil_problem import LN_C_W, CoilProblem, record_of
 from fastcoil.measured.fit import poor
-from fastcoil.measured.fit_coil import _residuals
+from fastcoil.measured.fit_coil import _compared
 from fastcoil.measured.part import Part
 
 pytestmark = pytest.mark.kernel
@@ -111,9 +111,9 @@ def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days):
     problem = CoilProblem(data, two, ("T_sup",), 600.0, Part())
     x = problem.starts()[:, :1]
     x[LN_C_W] = problem._least_C_w() + 0.1
-    residuals, rmse = _residuals(problem, x)
+    _, series, rmse = _compared(problem, x)
     assert set(rmse) == {"fit", "fit_T_w_out"}
-    assert np.isnan(residuals["T_sup_modelled"].values[5400:]).all()
+    assert np.isnan(series["T_sup_modelled"][0][5400:]).all()
     assert any(note.startswith("not validated: the coil is unstable at the flows") for note in problem.notes)
 
 
