@@ -88,15 +88,6 @@ def test_bad_readings_change_nothing_but_the_clock(loaded):
     assert 0.0 < controller.step(s, 15.0, 14.0, True, True, math.nan) < 1.0
 
 
-def test_off_closes_the_valve_and_forgets_the_integral(loaded):
-    controller = loaded(backlash_estimate=0.05)
-    s = controller.State()
-    for reset in (True, False, False):
-        assert controller.step(s, 20.0, 14.0, True, reset, 0.0) > 0.0
-    assert controller.step(s, 20.0, 14.0, False, False, 0.0) == 0.0
-    assert s.u == s.integral_part == 0.0
-
-
 def test_what_a_controller_does_not_need_is_left_out(tmp_path):
     plain = export(tmp_path, "c", backlash_estimate=0.05).read_text().split("#ifdef")[0]
     assert not re.search(r"learning|LEARN|ESTIMATE_SHARE|noise|DEAD_BAND|m_a\b|\bexp\b", plain)

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 
 import pytest
+from helpers.exported import FLAGS
 from helpers.structured_text import Project, parsed
 
 from fastcoil.deliver.export.c import InC
@@ -51,46 +52,37 @@ def step(
 '''
 
 
-def laws(body, n):
+def laws(*body, n=1):
     fields = "\n".join(f"    r_{k}: float  # result" for k in range(n))
-    return LAWS.format(fields=fields, body="\n".join(f"    {line}" for line in body))
+    return Laws(LAWS.format(fields=fields, body="\n".join(f"    {line}" for line in body)))
 
 
 def expected(values):
     names = dict(zip("abc", values, strict=True)) | {"math": math, "flag": True}
-    return [eval(text, names) for text in EXPRESSIONS] + [float(eval(text, names)) for text in CONDITIONS]
+    return [float(eval(text, names)) for text in [*EXPRESSIONS, *CONDITIONS]]
 
 
 def all_expressions():
     body = [f"s.r_{k} = {text}" for k, text in enumerate(EXPRESSIONS)]
     for k, text in enumerate(CONDITIONS, len(EXPRESSIONS)):
         body += [f"s.r_{k} = 0.0", f"if {text}:", f"    s.r_{k} = 1.0"]
-    return Laws(laws(body, len(EXPRESSIONS) + len(CONDITIONS)))
+    return laws(*body, n=len(EXPRESSIONS) + len(CONDITIONS))
 
 
 VALUES = [(0.3, 1.7, -0.9), (-2.0, 0.1, 0.1), (5.0, -3.0, 0.7), (1.0, 1.0, 1.0)]
 
 
-def test_structured_text_groups_expressions_as_they_were():
+@pytest.mark.parametrize("values", VALUES)
+def test_structured_text_groups_expressions_as_they_were(values):
     block = Project(InST(all_expressions(), "test").text()).block("FB_test")
-    for values in VALUES:
-        block(**dict(zip("abc", values, strict=True)), flag=True)
-        assert [getattr(block, f"r_{k}") for k in range(len(expected(values)))] == expected(values)
+    block(**dict(zip("abc", values, strict=True)), flag=True)
+    assert [getattr(block, f"r_{k}") for k in range(len(expected(values)))] == expected(values)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_c_groups_expressions_as_they_were(tmp_path):
     (tmp_path / "test.c").write_text(InC(all_expressions(), "test").text())
-    flags = [
-        "-std=c99",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-Wno-unused-parameter",
-        "-ffp-contract=off",
-        "-shared",
-        "-fPIC",
-    ]
+    flags = [*FLAGS, "-Wno-unused-parameter", "-shared", "-fPIC"]
     subprocess.run(["gcc", *flags, "test.c", "-lm", "-o", "test.so"], cwd=tmp_path, check=True)
     step = ctypes.CDLL(str(tmp_path / "test.so")).test_step
     step.argtypes = [ctypes.c_void_p, *[ctypes.c_double] * 3, ctypes.c_bool]
@@ -105,7 +97,7 @@ def test_loops_and_comments_are_kept():
         "common = 0.0", "# up", "for i in range(1, COUNT):", "    common += a  # each time",
         "for i in range(COUNT - 1, 0, -1):", "    common -= b", "s.r_0 = common * NUMBER",
     ]  # fmt: skip
-    found = Laws(laws(body, 1))
+    found = laws(*body)
     text = InST(found, "test").text()
     block = Project(text).block("FB_test")
     block(a=3.0, b=0.5, c=0.0, flag=False)
@@ -118,7 +110,7 @@ def test_loops_and_comments_are_kept():
 @pytest.mark.parametrize("name", ["number", "R_0", "A"])
 def test_names_that_structured_text_cannot_tell_apart_are_found(name):
     with pytest.raises(TypeError, match="does not tell them apart"):
-        InST(Laws(laws([f"{name} = a * b", f"s.r_0 = {name}"], 1)), "test").text()
+        InST(laws(f"{name} = a * b", f"s.r_0 = {name}"), "test").text()
 
 
 def test_the_interpreter_takes_no_mistakes():
