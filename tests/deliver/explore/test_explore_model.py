@@ -75,33 +75,25 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_says_what_is_seen(
 
 
 @pytest.mark.kernel
-def test_the_other_cases_are_the_loop_without_its_gap_and_without_its_inverse(tell, working_day):
-    _, run = tell("Learning")
+def test_the_other_cases_and_the_prediction_are_those_of_the_library(tell, working_day):
+    _, learner = tell("Learning")
     for case, other in ((1, fc.Loop(backlash=0.0)), (2, fc.Loop())):
-        assert run.value("rmse", case) == fc.simulate(other, working_day, n_jobs=1).rmse
-
-
-@pytest.mark.kernel
-def test_theory_is_that_of_limit_cycle(tell, working_day):
+        assert learner.value("rmse", case) == fc.simulate(other, working_day, n_jobs=1).rmse
+    assert prediction(learner) == "Theory cannot tell: an estimator changes the estimate as it goes."
     _, run = tell("7 % gap, plain PI")
     c = fc.limit_cycle(fc.Loop(), working_day)
-    assert (run.predicted.margin, run.predicted.period) == (c.margin, c.period)
-    assert run.predicted.swing == 2.0 * c.amplitude
-    assert run.predicted.hunts
-    _, learner = tell("Learning")
-    assert prediction(learner) == "Theory cannot tell: an estimator changes the estimate as it goes."
+    assert run.predicted == (c.margin, True, 2.0 * c.amplitude, c.period, "")
 
 
 @pytest.mark.kernel
 def test_the_numbers_of_the_sentence_are_those_of_the_traces(tell):
     """Half of peak to peak of T_sup in the last settled minutes, and the time between its maxima."""
     _, run = tell("7 % gap, plain PI")
-    shown = float(headline(run).split("±")[1].split(" K")[0])
+    shown, every = headline(run).split("±")[1].split(" K every ")
     window = run.traces["T_sup"][(run.hours > 6.2) & (run.hours < 6.49)]
-    assert 0.5 * np.ptp(window) == pytest.approx(shown, rel=0.15)
-    minutes = float(headline(run).split("every ")[1].split(" min")[0])
+    assert 0.5 * np.ptp(window) == pytest.approx(float(shown), rel=0.15)
     crossings = np.flatnonzero((window[1:] > 15.0) & (window[:-1] <= 15.0))
-    assert np.diff(crossings).mean() * 5 / 60 == pytest.approx(minutes, rel=0.15)
+    assert np.diff(crossings).mean() * 5 / 60 == pytest.approx(float(every.split(" min")[0]), rel=0.15)
 
 
 @pytest.mark.kernel
@@ -174,34 +166,32 @@ def test_a_day_that_is_too_long_is_refused(tmp_path):
 
 @pytest.mark.kernel
 def test_the_experiments_of_the_page_show_what_it_says(model, tell):
-    """The experiments of docs/first-steps.md."""
+    """Those of docs/first-steps.md, in their order."""
     plain, _ = tell("7 % gap, plain PI")
-    still = replace(plain, day="constant")
-
-    def says(settings):
-        run = model.run(settings)
-        return f"{headline(run)} {learning(run)} {prediction(run)}"
-
-    assert "±0.48 K every 3 min" in says(still)
-    assert "±0.067 K every 3 min" in says(replace(still, backlash=0.01))
-    assert "is calm, RMS error below 0.01 K" in says(replace(still, backlash=0.0))
-    assert "is calm" in says(replace(plain, backlash_estimate=0.06))
-    assert "chatters, 113 turns an hour" in says(replace(plain, backlash_estimate=0.075))
-    assert "The loop hunts" in (at_12 := says(replace(still, ti=12.0)))
-    assert "Margin 0.93" in at_12
-    assert "The loop is calm" in (at_15 := says(replace(still, ti=15.0)))
-    assert "Margin 0.67" in at_15
-    found = model.map(plain)
-    j, i = np.unravel_index(np.argmin(found.values["rmse"]), found.values["rmse"].shape)
+    inverse, run = tell("With the inverse")
+    learns, _ = tell("Learning")
+    still = {"day": "constant"}
+    for settings, changes, words in (
+        (plain, still, "±0.48 K every 3 min"),
+        (plain, still | {"backlash": 0.01}, "±0.067 K every 3 min"),
+        (plain, still | {"backlash": 0.0}, "is calm, RMS error below 0.01 K"),
+        (inverse, {"backlash_estimate": 0.06}, "is calm"),
+        (inverse, {"backlash_estimate": 0.075}, "chatters, 113 turns an hour"),
+        (plain, still | {"ti": 12.0}, "The loop hunts"),
+        (plain, still | {"ti": 12.0}, "Margin 0.93"),
+        (plain, still | {"ti": 15.0}, "The loop is calm"),
+        (plain, still | {"ti": 15.0}, "Margin 0.67"),
+        (learns, {}, "right since hour 1.2"),
+        (learns, still, "ends at 0 %"),
+        (learns, still | {"estimator": "learner"}, "right since hour 3.0"),
+        (settings_of("lbnl", STARTS["lbnl"]), still | {"estimator": "learner"}, "chatters"),
+    ):
+        seen = model.run(replace(settings, **changes))
+        assert words in f"{headline(seen)} {learning(seen)} {prediction(seen)}", changes
+    errors = model.map(plain).values["rmse"]
+    j, i = np.unravel_index(np.argmin(errors), errors.shape)
     assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)
-    assert round(float(found.values["rmse"][j, i]), 2) == 0.16 == round(tell("With the inverse")[1].value("rmse"), 2)
-    learns, run = tell("Learning")
-    assert "right since hour 1.2" in learning(run)
-    assert "ends at 0 %" in says(replace(learns, day="constant"))
-    assert "right since hour 3.0" in says(replace(learns, day="constant", estimator="learner"))
-    lbnl = model.starts["lbnl"]
-    runs_away = replace(settings_of("lbnl", lbnl), day="constant", estimator="learner")
-    assert "chatters" in says(runs_away)
+    assert round(float(errors[j, i]), 2) == 0.16 == round(run.value("rmse"), 2)
 
 
 STARTS = starts()

@@ -39,9 +39,7 @@ def test_dots_per_inch_are_those_asked_for_and_at_least_150(figure, tmp_path):
     ("options", "sentence"),
     [
         ({"format": "pgn"}, "format = 'pgn', did you mean 'png'?: choose 'png', 'pdf' or 'svg'"),
-        ({"format": "jpeg"}, "format = 'jpeg': choose 'png', 'pdf' or 'svg'"),
         ({"dpi": 20}, "dpi = 20: give a whole number from 50 to 1200"),
-        ({"dpi": 150.5}, "dpi = 150.5: give a whole number from 50 to 1200"),
         ({"dpi": True}, "dpi = True: give a whole number from 50 to 1200"),
     ],
 )
@@ -60,14 +58,12 @@ def test_a_figure_that_cannot_be_written_leaves_the_old_file(figure, tmp_path, m
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("drawn.png", "old")]
 
 
-# From which results
-
-
 ONE, OTHER = "1a" * 32, "2b" * 32
 
 
 @pytest.mark.parametrize("format", files.FORMATS)
-def test_a_figure_carries_the_hash_of_its_results_and_is_the_same_every_time(figure, tmp_path, format):
+def test_a_figure_carries_the_hash_of_its_results_which_no_title_can_fake(figure, tmp_path, format):
+    figure.suptitle(f"content_sha256 {OTHER} /Keywords (content_sha256 {OTHER})")
     (path,) = files.write({"drawn": figure}, tmp_path, format=format, drawn_from=ONE)
     assert path.read_bytes() == files.encode(figure, format, drawn_from=ONE)
     assert files.origin(path) == ONE
@@ -87,15 +83,6 @@ def test_whatever_bytes_follow_the_hash(tmp_path):
     assert follow & set(map(bytes, zip(b"0123456789abcdef", strict=True)))
 
 
-@pytest.mark.parametrize("format", files.FORMATS)
-def test_a_hash_in_a_title_is_not_that_of_the_results(figure, tmp_path, format):
-    figure.suptitle(f"content_sha256 {OTHER} /Keywords (content_sha256 {OTHER})")
-    (path,) = files.write({"drawn": figure}, tmp_path, format=format)
-    assert files.origin(path) is None
-    (path,) = files.write({"drawn": figure}, tmp_path, format=format, drawn_from=ONE)
-    assert files.origin(path) == ONE
-
-
 def test_figures_of_other_results_are_stale_and_those_that_do_not_say_are_neither(figure, tmp_path):
     folder = tmp_path / "figures"
     for name, drawn_from in (("mine", ONE), ("old", OTHER), ("unknown", None)):
@@ -108,26 +95,16 @@ def test_figures_of_other_results_are_stale_and_those_that_do_not_say_are_neithe
     assert files.stale_figures(tmp_path / "none", ONE) == []
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"\x89PNG", b"\0\0\0VtEXtSource\0content_sha256 " + b"1a" * 31, b"\xff" * 5000]
-)
-def test_any_bytes_may_be_in_a_figure_file(tmp_path, content):
-    (tmp_path / "bad.png").write_bytes(content)
-    assert files.origin(tmp_path / "bad.png") is None
+def test_any_bytes_may_be_in_a_figure_file_and_too_many_are_not_read(tmp_path, monkeypatch):
+    begins = b"\0\0\0VtEXtSource\0content_sha256 "
+    monkeypatch.setattr(files, "_LARGEST", 6000)
+    for content in (b"", b"\x89PNG", begins + b"1a" * 31, b"\xff" * 5000, begins + ONE.encode() + bytes(6000)):
+        (tmp_path / "bad.png").write_bytes(content)
+        assert files.origin(tmp_path / "bad.png") is None
     assert files.origin(tmp_path / "missing.png") is None
 
 
-def test_a_file_larger_than_any_figure_is_not_read_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_LARGEST", 1000)
-    (tmp_path / "large.png").write_bytes(b"\0\0\0VtEXtSource\0content_sha256 " + ONE.encode() + bytes(1000))
-    assert files.origin(tmp_path / "large.png") is None
-
-
-def test_a_label_with_dollars_is_no_formula():
-    from matplotlib.figure import Figure
-
-    figure = Figure()
-    axes = figure.subplots()
-    axes.set_title("Saving $5 or $x^$")
-    axes.set_xticks([0.0], ["$x^$"])
+def test_a_label_with_dollars_is_no_formula(figure):
+    figure.axes[0].set_title("Saving $5 or $x^$")
+    figure.axes[0].set_xticks([0.0], ["$x^$"])
     assert files.encode(figure).startswith(b"\x89PNG")

@@ -79,20 +79,16 @@ def test_it_draws_into_given_axes_and_makes_no_figure(ds):
     assert not plt.get_fignums()
 
 
-def test_a_figure_of_its_own_is_a_column_wide_legible_and_of_our_colours(ds, day):
-    for part in (ds.isel(backlash=0), ds.isel(backlash=[0, 1, 2])):
-        figure = fc.plot.traces(part, day)[0].figure
+def test_a_figure_of_its_own_is_a_column_wide_legible_of_our_colours_and_leaves_the_settings_of_the_user(ds, day):
+    with plt.rc_context({"font.size": 11.5, "axes.grid": False, "lines.linewidth": 3.5}):
+        before = dict(plt.rcParams)
+        figures = [fc.plot.traces(part, day)[0].figure for part in (ds.isel(backlash=0), ds.isel(backlash=[0, 1, 2]))]
+        assert dict(plt.rcParams) == before
+    for figure in figures:
         assert figure.get_figwidth() == 3.5
         assert figure.get_layout_engine() is not None
         assert_texts_fit(figure)
         assert_palette(figure)
-
-
-def test_the_settings_of_the_user_stay(ds):
-    with plt.rc_context({"font.size": 11.5, "axes.grid": False, "lines.linewidth": 3.5}):
-        before = dict(plt.rcParams)
-        fc.plot.traces(ds.isel(backlash=0))
-        assert dict(plt.rcParams) == before
 
 
 draw = fc.plot.traces
