@@ -1,6 +1,7 @@
 """The reports of diagnoses, fits, tunings and explanations, in Python and as an option of their commands."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,23 +52,16 @@ def test_a_fit_says_its_size_its_error_held_back_and_what_a_study_takes(valve, t
     assert " ".join(valve.to_toml().split()) in text
 
 
-def test_names_from_a_log_are_shown_and_not_run(valve, tmp_path):
-    from dataclasses import replace
-
-    odd = replace(valve, source="<script>x</script>.csv", notes=["</pre><img src=http://example.org/>"])
-    text = page_of(odd, tmp_path / "odd.html")
-    assert "Valve fitted to <script>x</script>.csv" in text
-    assert "</pre><img src=http://example.org/>" in text
-
-
-def test_a_fit_that_is_not_identified_says_so_first(valve, tmp_path):
-    from dataclasses import replace
-
+def test_a_fit_that_is_not_identified_says_so_first_and_names_from_a_log_are_shown_and_not_run(valve, tmp_path):
     parameters = {n: v for n, v in valve.parameters.items() if n != "backlash"}
-    unsure = replace(valve, parameters=parameters, held={"backlash": "not identified: too few turns"})
-    text = page_of(unsure, tmp_path / "unsure.html")
+    intervals = {n: v for n, v in valve.intervals.items() if n != "backlash"}
+    odd = {"source": "<script>x</script>.csv", "notes": ["</pre><img src=http://example.org/>"]}
+    held = {"backlash": "not identified: too few turns"}
+    text = page_of(replace(valve, parameters=parameters, intervals=intervals, held=held, **odd), tmp_path / "odd.html")
     assert text.index("Read this first backlash: not identified: too few turns") < text.index("Answer")
     assert "The log does not identify the size of the gap" in text
+    assert "Valve fitted to <script>x</script>.csv" in text
+    assert "</pre><img src=http://example.org/>" in text
 
 
 @pytest.mark.full

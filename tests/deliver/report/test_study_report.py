@@ -13,6 +13,7 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.deliver.report import page as pictures
 from fastcoil.deliver.report import study as module
+from fastcoil.deliver.report.computed import how
 from fastcoil.deliver.report.page import Code, Section, Table, change, left_out, number, picked, setting, share, span
 from fastcoil.deliver.report.page import Page as Made
 from fastcoil.deliver.report.study import comparisons
@@ -67,24 +68,18 @@ def test_the_same_results_give_the_same_bytes_and_the_folder_stays_sound(out, tm
     assert fastcoil("verify", out).exit_code == 0
 
 
-def test_an_unfinished_study_is_not_reported(out):
-    copied(PLAIN, out, DAYS - 1)
+@pytest.mark.parametrize("what", ["unfinished", "damaged"])
+def test_an_unfinished_or_damaged_study_is_not_reported(out, what):
+    copied(PLAIN, out, DAYS - 1 if what == "unfinished" else None)
+    if what == "damaged":
+        data = bytearray((out / "results.nc").read_bytes())
+        data[len(data) // 2] ^= 1
+        (out / "results.nc").write_bytes(data)
     before = contents(out)
     done = fastcoil("report", out)
-    assert done.exit_code == 2
-    assert f"{out} is unfinished: 8 of 12 scenarios are done; finish it with `fastcoil run" in done.stderr
-    assert contents(out) == before
-
-
-def test_a_damaged_study_is_not_reported(out):
-    copied(PLAIN, out)
-    data = bytearray((out / "results.nc").read_bytes())
-    data[len(data) // 2] ^= 1
-    (out / "results.nc").write_bytes(data)
-    before = contents(out)
-    done = fastcoil("report", out)
-    assert done.exit_code == IntegrityError.exit_code
-    assert "results.nc is damaged" in done.stderr
+    assert done.exit_code == (2 if what == "unfinished" else IntegrityError.exit_code)
+    unfinished = f"{out} is unfinished: 8 of 12 scenarios are done; finish it with `fastcoil run"
+    assert (unfinished if what == "unfinished" else "results.nc is damaged") in done.stderr
     assert contents(out) == before
 
 
@@ -165,28 +160,22 @@ def test_a_single_scenario_has_a_page_with_every_metric(out):
     assert page.pictures == []
 
 
-def test_a_file_that_is_no_report_is_not_replaced(out, tmp_path):
+def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(out, tmp_path):
     copied(PLAIN, out)
-    mine = tmp_path / "mine.html"
+    mine, other = tmp_path / "mine.html", tmp_path / "other"
     mine.write_text("<p>mine</p>")
     with pytest.raises(InputError, match=r"mine\.html: this file exists and is no report"):
         fc.report(out, mine)
     done = fastcoil("report", out, "-o", tmp_path / "page.pdf")
     assert done.exit_code == 2
     assert "give a file NAME.html in a folder that exists" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("holds", "said"),
-    [("", "holds no study and no figures of the paper"), ("tune.json", "holds a tuning: `fastcoil tune STUDY.toml")],
-)
-def test_another_folder_is_refused_in_a_sentence(tmp_path, holds, said):
-    if holds:
-        (tmp_path / holds).write_text("{}")
-    done = fastcoil("report", tmp_path)
-    assert done.exit_code == 2
-    assert said in done.stderr
-    assert not (tmp_path / "report.html").exists()
+    other.mkdir()
+    for said in ("holds no study and no figures of the paper", "holds a tuning: `fastcoil tune STUDY.toml"):
+        done = fastcoil("report", other)
+        assert done.exit_code == 2
+        assert said in done.stderr
+        assert not (other / "report.html").exists()
+        (other / "tune.json").write_text("{}")
 
 
 def test_a_text_without_end_is_cut_and_code_keeps_its_lines(tmp_path):
@@ -197,34 +186,23 @@ def test_a_text_without_end_is_cut_and_code_keeps_its_lines(tmp_path):
 
 
 def test_days_that_follow_each_other_are_said_to(out):
-    words = "each begins as the one before ended"
     copied(PLAIN, out)
-    assert words not in Page(fc.report(out)).text
-    run(PLAIN + "carry_over = true\n", out.with_name("carried"))
-    assert words in Page(fc.report(out.with_name("carried"))).text
+    ds = fc.open_study(out)
+    words = "each begins as the one before ended"
+    assert words not in str(how(ds))
+    assert words in str(how(ds.assign_attrs(carry_over=1)))
 
 
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    [(0.1, "0.100"), (3, "3.00"), (0.99999, "1.00"), (-0.04567, "−0.0457"), (12345, "12,300"), (0, "0"),
-     (9.996, "10.0"), (1e-9, "1.00e-09"), (math.nan, "–"), (math.inf, "–"), (159.4, "159")],
-)  # fmt: skip
-def test_a_measured_number_has_three_digits(value, shown):
-    assert number(value) == shown
-
-
-def test_shares_and_changes():
+def test_numbers_shares_changes_and_settings_as_they_are_read():
+    shown = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0", 9.996: "10.0",
+             1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
+    assert {value: number(value) for value in shown} == shown
     assert [change(x) for x in (-0.431, 0.004, -0.004, 1.87, math.nan)] == ["−43 %", "0 %", "0 %", "+187 %", "–"]
     assert span(-0.7, 0.2) == "−70 to +20 %"
     assert span(math.nan, 0.2) == "–"
     assert [share(x) for x in (0.0, 0.001, 0.5, 0.999, 1.0)] == ["0 %", "< 1 %", "50 %", "> 99 %", "100 %"]
-
-
-def test_settings_have_the_unit_that_is_spoken():
-    assert setting("backlash", 0.07) == "7 %"
-    assert setting("kp", 0.03) == "0.03 1/K"
-    assert setting("n_volumes", 8.0) == "8"
-    assert setting("action", "heating") == "heating"
+    settings = {"backlash": 0.07, "kp": 0.03, "n_volumes": 8.0, "action": "heating"}
+    assert [setting(*each) for each in settings.items()] == ["7 %", "0.03 1/K", "8", "heating"]
 
 
 def test_long_tables_are_cut_with_ends_and_kept_rows():

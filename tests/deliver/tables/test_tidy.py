@@ -49,8 +49,13 @@ def expected(ds, names):
 NAMES = ["rmse", "iae", "learning_status", "status"]
 
 
-def test_csv_is_read_back_as_it_was(ds, tmp_path):
+def test_csv_says_first_what_it_is_of_and_is_read_back_as_it_was(ds, tmp_path):
     write_csv(Tidy(ds), tmp_path / "t.csv")
+    head = (tmp_path / "t.csv").read_text().splitlines()[:4]
+    assert head[:3] == [
+        "# title: A title, with # and a line", "# fastcoil_version: 0", f"# content_sha256: {'f' * 64}",
+    ]  # fmt: skip
+    assert head[3].startswith("day,tuning,sample,")
     found = pd.read_csv(tmp_path / "t.csv", comment="#")
     units = {"kp [K-1]": "kp", "ti [s]": "ti", "sample_time [s]": "sample_time", "rmse [K]": "rmse", "iae [K h]": "iae"}
     assert set(units) <= set(found)
@@ -59,15 +64,6 @@ def test_csv_is_read_back_as_it_was(ds, tmp_path):
     pd.testing.assert_frame_equal(
         found.rename(columns=units)[list(frame)], frame, check_dtype=False, check_column_type=False
     )
-
-
-def test_csv_says_first_what_it_is_of(ds, tmp_path):
-    write_csv(Tidy(ds), tmp_path / "t.csv")
-    head = (tmp_path / "t.csv").read_text().splitlines()[:4]
-    assert head[:3] == [
-        "# title: A title, with # and a line", "# fastcoil_version: 0", f"# content_sha256: {'f' * 64}",
-    ]  # fmt: skip
-    assert head[3].startswith("day,tuning,sample,")
 
 
 def test_a_label_with_the_sign_of_a_comment_comes_back_whole(ds, tmp_path):
