@@ -1,8 +1,8 @@
 """The series that act on the loop from outside: entering air and water, set-point; made, logged or from weather.
 
 Read ``series`` (what a user may give), ``samples`` (the days: one Dataset, or made on demand) and ``record``
-(``Boundary``) first.  ``days``, ``weather`` and ``weather_year`` make boundaries; ``air_handler`` and its parts stand
-in for a building; ``weather_files`` reads files; ``display`` shows a boundary.
+(``Boundary``) first.  ``days``, ``weather`` and ``weather_year`` make boundaries; ``air_handler`` stands in for a
+building; ``weather_files`` reads files; ``display`` shows a boundary.
 """
 
 from fastcoil.loops.boundary.record import Boundary as Boundary

@@ -64,7 +64,7 @@ def condition_of(name: str, value: Any) -> Any:
     return number
 
 
-def whole_seconds(hours: float) -> int:
+def whole_seconds(hours: float | None) -> int:
     """``hours`` in seconds, or an `InputError` if they are not a whole number of them."""
     if hours is None:
         raise InputError("hours is missing: give the length of the day in hours")

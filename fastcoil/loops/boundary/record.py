@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from fastcoil.base.arguments import checking, choice_of, instance_of, path_of, plain, whole_of
-from fastcoil.base.arrays import Array
+from fastcoil.base.arguments import checking, choice_of, instance_of, path_of, whole_of
 from fastcoil.base.errors import InputError, WrongType, collecting, shown
-from fastcoil.logs import Log, read_log, warn_of_reading
+from fastcoil.logs import read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
@@ -20,27 +21,17 @@ from fastcoil.loops.boundary.clock import Clock, clock_of
 from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of, whole_seconds
 from fastcoil.loops.boundary.display import draw, html_of, text_of
 from fastcoil.loops.boundary.samples import (
-    EndToEnd,
-    Labelled,
-    Picked,
-    Replaced,
+    Maker,
     Samples,
     dataset_of,
+    joined_day,
+    labelled_day,
+    picked_day,
+    replaced_day,
     variables_of,
     with_day_dim,
 )
-from fastcoil.loops.boundary.series import (
-    BOUNDARY_SERIES,
-    Given,
-    Values,
-    carried_labels,
-    common_size,
-    enabled_by,
-    label_array,
-    read,
-    value_problems,
-    warn_of_stops,
-)
+from fastcoil.loops.boundary.series import BOUNDARY_SERIES, Values, label_array, read_series, series_of, warn_of_stops
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,33 +93,29 @@ class Boundary(Samples):
     ) -> None:
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []
-        given: dict[str, Given] = {}
-        for name, one in BOUNDARY_SERIES.items():
-            with collecting(problems):
-                given[name] = read(one, series[name])
-        n_steps = common_size("elapsed_time", "samples", given, problems)
-        n_days = common_size("day", "days", given, problems)
+        given, labels, n_steps = read_series(series, problems, day=day)
         if n_steps is None and not problems:
             problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
-        labels = carried_labels(given, problems) if day is None else label_array(day, problems)
-        if labels is None:
-            labels = np.arange(n_days) if n_days else np.asarray(0)
-        elif n_days is not None and labels.size != n_days:
-            problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
-        for name, values in given.items():
-            problems += value_problems(BOUNDARY_SERIES[name], values, labels)
-        shape, clock = (labels.size, n_steps or 0), Clock()
+        clock = Clock()
         with collecting(problems):
-            clock = clock_of(start, time_zone, *shape)
+            clock = clock_of(start, time_zone, labels.size, n_steps or 0)
         if problems:
             # Series that share a coordinate share its mistakes.
             raise InputError(list(dict.fromkeys(problems)))
-        whole = {name: values.spread(*shape) for name, values in given.items()}
-        if enabled is None:
-            whole["enabled"], stopped = enabled_by(whole["m_a"])
-            warn_of_stops(stopped)
-        ds = dataset_of(whole, labels, bool(n_days or labels.ndim), shape[1], clock)
+        whole, stopped = series_of(given, labels.size, n_steps or 0, by_air=enabled is None)
+        warn_of_stops(stopped)
+        ds = dataset_of(whole, labels, n_steps or 0, clock)
         self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
+
+    def __repr__(self) -> str:
+        return text_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+    def plot(self) -> Figure:
+        """The series over time, as a matplotlib ``Figure``; days that do not follow each other on top of each other."""
+        return draw(self)
 
     def assign(
         self,
@@ -151,46 +138,34 @@ class Boundary(Samples):
         """
         changes = {name: value for name, value in locals().items() if name != "self" and value is not KEPT}
         by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
+        label = self._ds["day"].values
+        known = None if "day" in changes and self._make is None else label
         problems: list[str] = []
-        given: dict[str, Given] = {}
-        for name in changes.keys() & BOUNDARY_SERIES.keys():
-            with collecting(problems):
-                given[name] = read(BOUNDARY_SERIES[name], changes[name])
-        if "day" not in changes:
-            carried_labels(given, problems, self.day)
+        series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
+        given, labels, _ = read_series(series, problems, day=changes.get("day"), known=known, n_steps=self.n_steps)
+        clock = {"start": self.start, "time_zone": self.time_zone} | {
+            name: changes[name] for name in ("start", "time_zone") if name in changes
+        }
         if problems:
             raise InputError(problems)
         if self._make is not None:
-            return self._replaced(given, changes, by_air)
-        kept: dict[str, Any] = {str(name): values.values for name, values in self._ds.data_vars.items()}
+            replaced = {name: None if changes[name] is None else one for name, one in given.items()}
+            make = partial(replaced_day, self._make, replaced) if series else self._make
+            return Boundary._stream(make, labels, self.n_steps, **clock, by_air=by_air)
+        kept = {str(name): values.values for name, values in self._ds.data_vars.items()}
         if self._by_air and "m_a" in changes:
             del kept["enabled"]
-        kept |= {"day": self._ds["day"].values, **self.clock._asdict()}
-        changed = Boundary(**kept | changes)
+        changed = Boundary(**{**kept, "day": label, **clock, **changes})
         changed._by_air = by_air
         return changed
 
-    def _replaced(self, given: Mapping[str, Given], changes: Mapping[str, Any], by_air: bool) -> Boundary:
-        """A stream with other series, labels or clock."""
-        problems: list[str] = []
-        common_size("elapsed_time", "samples", given, problems, self.n_steps)
-        common_size("day", "days", given, problems, self.n_days)
-        labels = label_array(changes["day"], problems) if changes.get("day") is not None else self._ds["day"].values
-        if labels is not None and labels.size != self.n_days:
-            problems.append(f"day has {labels.size} labels for {self.n_days} days: give one label for each day")
-        for name, one in given.items():
-            problems += value_problems(BOUNDARY_SERIES[name], one, self.day)
-        clock = Clock()
-        with collecting(problems):
-            start, time_zone = changes.get("start", self.start), changes.get("time_zone", self.time_zone)
-            clock = clock_of(start, time_zone, self.n_days, self.n_steps)
-        if problems or labels is None:
-            raise InputError(problems)
-        make = self.maker
-        if given:
-            make = Replaced(make, {name: None if changes[name] is None else one for name, one in given.items()})
-        ds = dataset_of({}, labels, self.has_day_dim or labels.ndim > 0, self.n_steps, clock)
-        return Boundary.of(ds, make, clock.time_zone, by_air)
+    @classmethod
+    def _stream(
+        cls, make: Maker, day: NDArray[Any], n_steps: int, start: Any, time_zone: Any, by_air: bool = False
+    ) -> Boundary:
+        """Days that are made by position."""
+        clock = clock_of(start, time_zone, day.size, n_steps)
+        return cls.of(dataset_of({}, day, n_steps, clock), make=make, time_zone=clock.time_zone, by_air=by_air)
 
     def isel(self, day: Any) -> Boundary:
         """Some days by position: a number, which leaves no dim ``day``, a list, flags or a slice."""
@@ -211,12 +186,12 @@ class Boundary(Samples):
         at = ds["position"].values
         if not at.size or np.unique(at).size < at.size:
             raise InputError(f"day = {shown(day)} chooses {'a day twice' if at.size else 'no day'}: give each day once")
-        ds = ds.drop_vars("position")
+        ds, make = ds.drop_vars("position"), None
         if self._make is not None and at.ndim:
-            return Boundary.of(ds, Picked([self._make], np.zeros_like(at), at), self._time_zone, self._by_air)
-        if self._make is not None:
+            make = partial(picked_day, [self._make], np.zeros_like(at), at)
+        elif self._make is not None:
             ds = ds.assign(variables_of(self.of_day(int(at))))
-        return Boundary.of(ds, None, self._time_zone, self._by_air)
+        return Boundary.of(ds, make=make, time_zone=self.time_zone, by_air=self._by_air)
 
     @staticmethod
     def concat(boundaries: Sequence[Boundary], dim: str = "day") -> Boundary:
@@ -224,51 +199,35 @@ class Boundary(Samples):
 
         Streams give a stream.  Days must have one length and distinct labels.  Hours must be of the same
         days, and where starts are known, each boundary must start when the one before ends.
-
-        Raises
-        ------
-        InputError
-            With one sentence for each thing that does not fit.
         """
         cure = "give a list of boundaries"
         if not isinstance(boundaries, (list, tuple)) or not boundaries:
             raise InputError(WrongType(f"boundaries = {shown(boundaries)}: {cure}"))
-        with checking() as check:
-            for i, one in enumerate(boundaries):
-                check(instance_of, f"boundaries[{i}]", one, Boundary, cure)
+        for i, one in enumerate(boundaries):
+            instance_of(f"boundaries[{i}]", one, Boundary, cure)
         dim = choice_of("dim", dim, ("day", "elapsed_time"))
-        if problems := _joining_problems(boundaries, dim):
+        if problems := list(_joining_problems(boundaries, dim)):
             raise InputError(problems)
         zone, by_air = next(filter(None, (b.time_zone for b in boundaries)), ""), all(b._by_air for b in boundaries)
         streamed = any(one.is_streamed for one in boundaries)
         sets = [one._ds.drop_vars(list(one._ds.data_vars)) if streamed else one._ds for one in boundaries]
         sets = [with_day_dim(ds) for ds in sets] if dim == "day" else sets
         ds = xr.concat(sets, dim, data_vars="minimal", coords="minimal", compat="override", join="exact")
-        make: Picked | EndToEnd | None = None
+        make = None
         if streamed and dim == "day":
             days = [(i, k) for i, one in enumerate(boundaries) for k in range(one.n_days)]
-            make = Picked([one.maker for one in boundaries], *np.array(days).T)
+            make = partial(picked_day, [one.maker for one in boundaries], *np.array(days).T)
         elif streamed:
-            make = EndToEnd(boundaries)
+            make = partial(joined_day, [one.of_day for one in boundaries])
         seconds = np.arange(float(ds.sizes["elapsed_time"]))
         ds = ds.assign_coords(elapsed_time=("elapsed_time", seconds, ds["elapsed_time"].attrs))
-        return Boundary.of(ds, make, zone, by_air)
-
-    def plot(self) -> Figure:
-        """The series over time, as a matplotlib ``Figure``; days that do not follow each other on top of each other."""
-        return draw(self)
-
-    def __repr__(self) -> str:
-        return text_of(self)
-
-    def _repr_html_(self) -> str:
-        return html_of(self)
+        return Boundary.of(ds, make=make, time_zone=zone, by_air=by_air)
 
     def to_dataset(self) -> xr.Dataset:
         """The series as a Dataset with dims (``day``,) ``elapsed_time``, units, long names, and ``start`` if known."""
         if self._make is None:
             return self._ds.copy(deep=True)
-        return dataset_of(self.series, self.day, self.has_day_dim, self.n_steps, self.clock)
+        return dataset_of(self.series, self._ds["day"].values, self.n_steps, Clock(self.start, self.time_zone))
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset) -> Boundary:
@@ -284,18 +243,17 @@ class Boundary(Samples):
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
+        if problems:
+            raise InputError(problems)
         start = time_zone = None
         if "start" in ds.coords:
             start, time_zone = ds["start"].values, ds["start"].attrs.get("time_zone")
             if start.dtype.kind != "M":
-                cure = "give dates and times, datetime64"
-                problems.append(WrongType(f"start = {shown(start)} is of type {start.dtype}: {cure}"))
-        if problems:
-            raise InputError(problems)
-        if start is not None and ds.sizes.get("elapsed_time"):
-            first = ds["elapsed_time"].values[0]
-            seconds = first / np.timedelta64(1, "s") if first.dtype.kind == "m" else float(first)
-            start = start + np.timedelta64(round(1e6 * seconds), "us").astype(start.dtype.str.replace("M8", "m8"))
+                raise InputError(WrongType(f"start is of type {start.dtype}: give dates and times, datetime64"))
+            if ds.sizes.get("elapsed_time"):
+                first = ds["elapsed_time"].values[0]
+                seconds = first / np.timedelta64(1, "s") if first.dtype.kind == "m" else float(first)
+                start = start + np.timedelta64(round(1e6 * seconds), "us").astype(start.dtype.str.replace("M8", "m8"))
         return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES}, start=start, time_zone=time_zone)
 
     @classmethod
@@ -331,17 +289,13 @@ class Boundary(Samples):
                 check.problems.append(WrongType(f"make = {shown(make)}: {cure}"))
             if (n_steps is None) == (hours is None):
                 check.problems.append("n_steps and hours: give one of them, the length of each day")
-            if n_steps is not None:
+            elif n_steps is not None:
                 n_steps = check(whole_of, "n_steps", n_steps, 1, _LONGEST)
-            if hours is not None:
+            else:
                 n_steps = check(whole_seconds, hours)
-            labels = label_array(day, check.problems)
-            if not check.problems and labels is not None:
-                clock = check(clock_of, start, time_zone, labels.size, n_steps or 0)
-        assert labels is not None  # a problem otherwise
-        assert n_steps is not None
-        ds = dataset_of({}, labels, labels.ndim > 0, n_steps, clock)
-        days = cls.of(ds, Labelled(make, np.atleast_1d(labels).astype(np.int64)), clock.time_zone, False)
+            labels = np.asarray(label_array(day, check.problems))
+        maker = partial(labelled_day, make, np.atleast_1d(labels).astype(np.int64))
+        days = cls._stream(maker, labels, n_steps or 0, start, time_zone)
         days.of_day(0)
         return days
 
@@ -397,76 +351,61 @@ class Boundary(Samples):
         InputError
             With one sentence for each mistake in the file or the arguments: column, row, cure.
         """
-        arguments = {name: value for name, value in locals().items() if name != "cls"}
-        return cls(**_trend_log_series(**arguments))
+        with checking() as check:
+            path = check(path_of, "path", path, "give the path of a CSV file")
+            pressure = check(condition_of, "pressure", pressure)
+            start = check(condition_of, "start", start)
+            n_steps = None if hours is None else check(whole_seconds, hours)
+            how = checked_reading(
+                check, units=units, columns=columns, constants=constants, max_gap=max_gap, time_format=time_format,
+                strict=True, unbroken=True,
+            )  # fmt: skip
+        log = read_log(path, _OF_A_LOG, how)
+        require_whole_seconds(log.name, log.step)
+        warn_of_reading(log.name, log.reading_notes)
+        first, covered = start * 3600, float(log.time[-1])
+        if n_steps is None:
+            require_span(log.name, covered - first, "give hours")
+            n_steps = int(np.floor(covered - first + 1e-6)) + 1
+        if n_steps < 1 or first + n_steps - 1 > covered + 1e-6:
+            asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {hours:g}")
+            raise InputError(f"{log.name}: {asked} needs more than the {covered:g} s of the log: lower it")
+        seconds = np.minimum(first + np.arange(n_steps), covered)
+        values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
+        values["W_a_in"] = log.humidity_ratio(pressure)
+        begins = None if log.start is None else log.start + np.timedelta64(round(float(seconds[0])), "s")
+        series = at_seconds(log.time, values, seconds, list(values) if log.change_of_value else _HOLD)
+        return cls(**series, start=begins, time_zone=log.time_zone)
 
 
-def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> list[str]:
+def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> Iterator[str]:
     """Why boundaries cannot be put together, a sentence each."""
-    first, problems = boundaries[0], []
+    first = boundaries[0]
     zones = sorted({one.time_zone for one in boundaries} - {""})
     if len(zones) > 1:
-        problems.append(f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one")
+        yield f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one"
     known = [one.start is not None for one in boundaries]
     if len(set(known)) > 1:
-        problems.append(
+        yield (
             f"boundary {known.index(True)} has a start and boundary {known.index(False)} has none: give it one with "
             "assign(start=…), or assign(start=None) to the others"
         )
     if dim == "day":
-        problems += [
-            f"boundary {i} lasts {one.n_steps:,} s, the first {first.n_steps:,} s: give days of one length"
-            for i, one in enumerate(boundaries)
-            if one.n_steps != first.n_steps
-        ]
+        for i, one in enumerate(boundaries):
+            if one.n_steps != first.n_steps:
+                yield f"boundary {i} lasts {one.n_steps:,} s, the first {first.n_steps:,} s: give days of one length"
         labels, counts = np.unique(np.concatenate([one.day for one in boundaries]), return_counts=True)
         if counts.max() > 1:
-            label = labels[counts.argmax()]
-            problems.append(f"day label {label} appears twice: give each day its own label, as assign(day=7)")
-        return problems
+            yield f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"
+        return
     for i, (before, one) in enumerate(zip(boundaries, boundaries[1:], strict=False), start=1):
-        if one.has_day_dim != first.has_day_dim or (first.has_day_dim and not np.array_equal(one.day, first.day)):
+        if one.has_day_dim != first.has_day_dim or (one.has_day_dim and not np.array_equal(one.day, first.day)):
             n = [f"the days {shown(each.day.tolist())}" if each.has_day_dim else "no dim day" for each in (one, first)]
-            problems.append(f"boundary {i} has {n[0]}, the first {n[1]}: give the same days, in the same order")
+            yield f"boundary {i} has {n[0]}, the first {n[1]}: give the same days, in the same order"
         elif one.start is not None and before.start is not None:
             ends = before.start + np.timedelta64(before.n_steps, "s")
             for k in np.flatnonzero(ends != one.start)[:1]:
-                problems.append(
+                yield (
                     f"boundary {i} starts at {one.start[k]}, the one before ends at {ends[k]}: put together what "
                     "follows without a gap, or assign(start=None) to all"
                 )
-    return problems
-
-
-def _trend_log_series(
-    path: str | Path, *, pressure: float, start: float, hours: float | None, **reading: Any
-) -> dict[str, Any]:
-    """Series by name, each (n_steps,), ``start`` and ``time_zone``; arguments as of `fastcoil.Boundary.from_csv`."""
-    with checking() as check:
-        path = check(path_of, "path", path, "give the path of a CSV file")
-        pressure = check(condition_of, "pressure", pressure)
-        start = check(condition_of, "start", start)
-        if hours is not None:
-            check(whole_seconds, hours)
-        how = checked_reading(check, **reading, strict=True, unbroken=True)
-    log = read_log(path, _OF_A_LOG, how)
-    require_whole_seconds(log.name, log.step)
-    warn_of_reading(log.name, log.reading_notes)
-    values = {name: log.values[name] for name in BOUNDARY_SERIES if name in log.values}
-    values["W_a_in"] = log.humidity_ratio(pressure)
-    seconds = _wanted_seconds(log, start, hours)
-    begins = None if log.start is None else log.start + np.timedelta64(round(float(seconds[0])), "s")
-    series = at_seconds(log.time, values, seconds, list(values) if log.change_of_value else _HOLD)
-    return {**series, "start": begins, "time_zone": log.time_zone}
-
-
-def _wanted_seconds(log: Log, start: float, hours: float | None) -> Array:
-    """The seconds of the log to sample at, (n_steps,)."""
-    first, covered = start * 3600, float(log.time[-1])
-    if hours is None:
-        require_span(log.name, covered - first, "give hours")
-    n_steps = int(np.floor(covered - first + 1e-6)) + 1 if hours is None else whole_seconds(hours)
-    if n_steps < 1 or first + n_steps - 1 > covered + 1e-6:
-        asked = f"start = {start:g} h" + ("" if hours is None else f", hours = {plain(hours):g}")
-        raise InputError(f"{log.name}: {asked} needs more than the {covered:g} s of the log: lower it")
-    return np.asarray(np.minimum(first + np.arange(n_steps), covered))

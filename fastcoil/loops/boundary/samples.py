@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from typing import Any, NamedTuple, Self
 
@@ -14,19 +14,11 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arguments import whole_of
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.machine import available_memory, gib
-from fastcoil.logs.series import DIFFERENCE, Series
+from fastcoil.logs.series import DIFFERENCE
 from fastcoil.loops.boundary.clock import SECONDS, Clock, Times
-from fastcoil.loops.boundary.series import (
-    ADDED_SERIES,
-    BOUNDARY_SERIES,
-    Given,
-    enabled_by,
-    read,
-    value_problems,
-    warn_of_stops,
-)
+from fastcoil.loops.boundary.series import ADDED_SERIES, BOUNDARY_SERIES, Given, read_series, series_of, warn_of_stops
 
 Made = Mapping[str, Any]
 """Series of a day by name, as a user gives them."""
@@ -38,10 +30,7 @@ by series."""
 
 
 class Survey(NamedTuple):
-    """Ranges and digests of all days, from one pass.
-
-    extremes: least and largest value by series.  sha256: of all; day_sha256: of each day.
-    """
+    """Least and largest value by series, and digests of all and of each day, from one pass."""
 
     extremes: dict[str, tuple[float, float]]
     sha256: str
@@ -52,8 +41,7 @@ class Samples:
     """Labelled days of series with their clock; immutable.
 
     A Dataset holds dims, labels and clock: the coordinates ``elapsed_time``, ``day`` and, where it is known, ``start``.
-    Its variables are the series, unless ``make`` gives those of a day.  by_air: whether the air flow alone decides on
-    ``enabled``.
+    Its variables are the series, unless ``_make`` gives those of a day.
     """
 
     _ds: xr.Dataset
@@ -62,8 +50,8 @@ class Samples:
     _by_air: bool
 
     @classmethod
-    def of(cls, ds: xr.Dataset, make: Maker | None, time_zone: str, by_air: bool) -> Self:
-        """A boundary of checked samples."""
+    def of(cls, ds: xr.Dataset, *, make: Maker | None = None, time_zone: str = "", by_air: bool = False) -> Self:
+        """A boundary of checked samples; ``by_air``: the air flow alone decides on ``enabled``."""
         self = cls.__new__(cls)
         self.__setstate__({"_ds": ds, "_make": make, "_time_zone": time_zone, "_by_air": by_air})
         return self
@@ -112,32 +100,23 @@ class Samples:
         return self._time_zone
 
     @property
-    def clock(self) -> Clock:
-        """``start`` and ``time_zone``."""
-        return Clock(self.start, self._time_zone)
-
-    @property
     def start_coordinate(self) -> xr.DataArray | None:
         """``start`` as a coordinate of results, along ``day`` if there is that dim; None if unknown."""
-        if "start" not in self._ds.coords:
-            return None
-        start = self._ds["start"].variable
-        return xr.DataArray(start.values, dims=start.dims, attrs=start.attrs)
+        return xr.DataArray(self._ds["start"].variable) if "start" in self._ds.coords else None
 
     @property
     def series(self) -> dict[str, Array]:
         """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
         if self._make is None:
             return {str(name): np.atleast_2d(values.values) for name, values in self._ds.data_vars.items()}
-        shape = self.n_days, self.n_steps
-        needed, available = 8 * len(BOUNDARY_SERIES) * shape[0] * shape[1], available_memory()
+        needed, available = 8 * len(BOUNDARY_SERIES) * self.n_days * self.n_steps, available_memory()
         if needed > available:
             raise InputError(
-                f"series of {shape[0]} days of {shape[1]:,} s take {gib(needed)} of memory, {gib(available)} are "
-                "available: take a day at a time with of_day, or some days with isel"
+                f"series of {self.n_days} days of {self.n_steps:,} s take {gib(needed)} of memory, {gib(available)} "
+                "are available: take a day at a time with of_day, or some days with isel"
             )
-        whole = {name: np.empty(shape) for name in BOUNDARY_SERIES}
-        for k in range(shape[0]):
+        whole = {name: np.empty((self.n_days, self.n_steps)) for name in BOUNDARY_SERIES}
+        for k in range(self.n_days):
             for name, values in self.of_day(k).items():
                 whole[name][k] = values
         return {name: frozen(values) for name, values in whole.items()}
@@ -152,6 +131,12 @@ class Samples:
                 "random numbers from a generator that is seeded with the label"
             )
         return rows
+
+    def _rows(self, k: int) -> tuple[dict[str, Array], int]:
+        """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
+        if self._make is None:
+            return {name: values[k] for name, values in self.series.items()}, 0
+        return checked_day(self._make(k), int(self.day[k]), self.n_steps)
 
     @property
     def is_surveyed(self) -> bool:
@@ -189,31 +174,10 @@ class Samples:
                 kept.append(rows)
         warn_of_stops(stopped)
         if not small:
-            return Survey(extremes, _digest(self, 2, (one.encode() for one in hashes)), hashes)
-        whole = self.series if self._make is None else {n: np.stack([rows[n] for rows in kept]) for n in extremes}
-        named = ((name.encode(), np.ascontiguousarray(whole[name], dtype="<f8").data) for name in _hashed(whole))
-        return Survey(extremes, _digest(self, 1, chain.from_iterable(named)), hashes)
-
-    def _rows(self, k: int) -> tuple[dict[str, Array], int]:
-        """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
-        if self._make is None:
-            return {name: values[k] for name, values in self.series.items()}, 0
-        return _checked_day(self._make(k), int(self.day[k]), self.n_steps)
-
-    @property
-    def maker(self) -> Maker:
-        """Makes its days again, for a stream of other days."""
-        if self._make is not None:
-            return self._make
-        return Replaced(self.of_day, {"enabled": None}) if self._by_air else self.of_day
-
-    def describe(self) -> str:
-        """One line: the length, the days, and the range of every series that is not at its default."""
-        found = []
-        for name, (low, high) in not_at_default(self.extremes).items():
-            unit = "" if BOUNDARY_SERIES[name].unit == "1" else f" {BOUNDARY_SERIES[name].unit}"
-            found.append(f"{name} {low:.4g}{unit}" if low == high else f"{name} {low:.4g} to {high:.4g}{unit}")
-        return f"{self.extent}: {', '.join(found)}"
+            return Survey(extremes, digest_of(self, 2, (one.encode() for one in hashes)), hashes)
+        whole = {name: np.stack([rows[name] for rows in kept]) for name in extremes}
+        named = ((name.encode(), np.ascontiguousarray(whole[name], dtype="<f8").data) for name in hashed(whole))
+        return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes)
 
     @property
     def extent(self) -> str:
@@ -223,6 +187,19 @@ class Samples:
             text += f" from {str(self.start[0]).replace('T', ' ')}" + (f" ({self.time_zone})" if self.time_zone else "")
         return text
 
+    def describe(self) -> str:
+        """One line: the length, the days, and the range of every series that is not at its default."""
+        found = []
+        for name, (low, high) in self.own_extremes.items():
+            unit = "" if BOUNDARY_SERIES[name].unit == "1" else f" {BOUNDARY_SERIES[name].unit}"
+            found.append(f"{name} {low:.4g}{unit}" if low == high else f"{name} {low:.4g} to {high:.4g}{unit}")
+        return f"{self.extent}: {', '.join(found)}"
+
+    @property
+    def own_extremes(self) -> dict[str, tuple[float, float]]:
+        """The ranges of the series that are not at their default throughout."""
+        return {n: ends for n, ends in self.extremes.items() if ends != (BOUNDARY_SERIES[n].default,) * 2}
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Samples):
             return NotImplemented
@@ -231,29 +208,23 @@ class Samples:
     def __hash__(self) -> int:
         return hash(self.sha256)
 
-
-def frozen(values: NDArray[Any]) -> NDArray[Any]:
-    """The array, read-only from now on."""
-    values.flags.writeable = False
-    return values
-
-
-def not_at_default(extremes: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """The ranges of the series that are not at their default throughout."""
-    return {name: ends for name, ends in extremes.items() if ends != (BOUNDARY_SERIES[name].default,) * 2}
+    @property
+    def maker(self) -> Maker:
+        """Makes its days again, for a stream of other days."""
+        if self._make is not None:
+            return self._make
+        return partial(replaced_day, self.of_day, {"enabled": None}) if self._by_air else self.of_day
 
 
-def dataset_of(
-    series: Mapping[str, Array], day: NDArray[Any], has_day_dim: bool, n_steps: int, clock: Clock
-) -> xr.Dataset:
+def dataset_of(series: Mapping[str, Array], day: NDArray[Any], n_steps: int, clock: Clock) -> xr.Dataset:
     """The Dataset of a boundary: series, (n_days, n_steps) each; none of a stream."""
-    dims, row = (("day",), slice(None)) if has_day_dim else ((), 0)
+    dims, row = (("day",), slice(None)) if day.ndim else ((), 0)
     seconds = np.arange(float(n_steps))
     ds = xr.Dataset(
         variables_of({name: values[row] for name, values in series.items()}),
         {
             "elapsed_time": ("elapsed_time", seconds, {"units": "s", "long_name": "time since the start"}),
-            "day": (dims, np.atleast_1d(day).astype(np.int64)[row], {"long_name": "label of the day"}),
+            "day": (dims, day.astype(np.int64), {"long_name": "label of the day"}),
         },
     )
     if clock.start is None:
@@ -271,29 +242,82 @@ def with_day_dim(ds: xr.Dataset) -> xr.Dataset:
 
 def variables_of(series: Mapping[str, Array]) -> dict[str, xr.Variable]:
     """Series, (n_days, n_steps) or (n_steps,), with dims, units and long names."""
-    dims = ("day", "elapsed_time")
-    return {
-        n: xr.Variable(dims[-values.ndim :], values, _attributes(BOUNDARY_SERIES[n])) for n, values in series.items()
-    }
+    found = {}
+    for name, values in series.items():
+        of = BOUNDARY_SERIES[name]
+        attrs = {"units": of.unit, "long_name": of.long_name}
+        if of.units is DIFFERENCE:  # CF-1.11: a difference in K is not a temperature in K
+            attrs["units_metadata"] = "temperature: difference"
+        found[name] = xr.Variable(("day", "elapsed_time")[-values.ndim :], values, attrs)
+    return found
 
 
-def _attributes(series: Series) -> dict[str, str]:
-    attrs = {"units": series.unit, "long_name": series.long_name}
-    # CF-1.11: a difference in K is not a temperature in K.
-    return attrs | {"units_metadata": "temperature: difference"} if series.units is DIFFERENCE else attrs
+# ---------------------------------------------------------------------------------- makers of days, and digests
+# Makers are partial functions, not closures: they are sent to other processes.
 
 
-# -------------------------------------------------------------------------------------------------------- digests
+def labelled_day(make: Callable[[int], Made], labels: NDArray[np.int64], k: int) -> Made:
+    """A day that a user's function makes from its label."""
+    label = int(labels[k])
+    try:
+        return make(label)
+    except InputError as error:
+        raise InputError([f"day {label}: {problem}" for problem in error.problems]) from None
+    except Exception as error:  # a user's function may raise anything
+        cure = "it must give the series of every day"
+        raise InputError(f"make fails for day {label}, {shown(error)}: {cure}") from error
+
+
+def replaced_day(make: Maker, given: Mapping[str, Given | None], k: int) -> Made:
+    """A day of which some series are given; None goes back to the default."""
+    return {**make(k), **{name: None if one is None else one.of_day(k) for name, one in given.items()}}
+
+
+def picked_day(makers: Sequence[Maker], part: Index, at: Index, k: int) -> Made:
+    """A day of others: of the ``part`` of each, the one ``at`` a position, both (n_days,)."""
+    make: Maker = makers[part[k]]
+    return make(int(at[k]))
+
+
+def joined_day(makers: Sequence[Maker], k: int) -> Made:
+    """A day that consists of those of several, one after the other."""
+    rows = [make(k) for make in makers]
+    return {name: np.concatenate([one[name] for one in rows]) for name in rows[0]}
+
+
+def checked_day(made: Made, label: int, n_steps: int) -> tuple[dict[str, Array], int]:
+    """A day that was made as series of (n_steps,), and how many seconds have no air flow; mistakes name the day."""
+    if not isinstance(made, Mapping):
+        cure = "give a mapping of series, such as a dict"
+        raise InputError(WrongType(f"make gives a {type(made).__name__} for day {label}: {cure}"))
+    if unknown := [name for name in made if name not in BOUNDARY_SERIES]:
+        known = ", ".join(BOUNDARY_SERIES)
+        raise InputError(
+            [f"make gives {shown(n)} for day {label}{nearest(str(n), BOUNDARY_SERIES)}: use {known}" for n in unknown]
+        )
+    problems: list[str] = []
+    values = {name: made.get(name) for name in BOUNDARY_SERIES}
+    given, _, _ = read_series(values, problems, known=np.asarray(label), n_steps=n_steps)
+    if problems:
+        raise InputError([f"day {label}: {problem}" for problem in problems])
+    rows, stopped = series_of(given, 1, n_steps, by_air=made.get("enabled") is None)
+    return {name: frozen(values[0]) for name, values in rows.items()}, stopped
+
+
+def frozen(values: NDArray[Any]) -> NDArray[Any]:
+    """The array, read-only from now on."""
+    values.flags.writeable = False
+    return values
 
 
 def day_digest(label: int, rows: Mapping[str, Array]) -> str:
     """Hash of a day: of its label, and of its samples, second by second."""
     digest = hashlib.sha256(f"{label} ".encode())
-    digest.update(np.stack([rows[name] for name in _hashed(rows)], axis=1).data)
+    digest.update(np.stack([rows[name] for name in hashed(rows)], axis=1).data)
     return digest.hexdigest()
 
 
-def _digest(days: Samples, version: int, parts: Iterable[Any]) -> str:
+def digest_of(days: Samples, version: int, parts: Iterable[Any]) -> str:
     """Hash of the day labels and of the bytes of all parts."""
     digest = hashlib.sha256(f"boundary {version} {days.has_day_dim} {days.n_days} {days.n_steps}".encode())
     digest.update(days.day.astype("<i8").tobytes())
@@ -302,103 +326,10 @@ def _digest(days: Samples, version: int, parts: Iterable[Any]) -> str:
     return digest.hexdigest()
 
 
-def _hashed(series: Mapping[str, Array]) -> list[str]:
+def hashed(series: Mapping[str, Array]) -> list[str]:
     """The series that count; one of ``ADDED_SERIES`` only where it does something."""
     return [
         name
         for name, values in series.items()
         if name not in ADDED_SERIES or not (values == BOUNDARY_SERIES[name].default).all()
     ]
-
-
-# --------------------------------------------------------------------------------------- makers of days
-# Classes, not closures: they are sent to other processes.
-
-
-class Labelled:
-    """Days that a user's function makes from their labels."""
-
-    def __init__(self, make: Callable[[int], Made], day: NDArray[np.int64]) -> None:
-        self._make, self._day = make, day
-
-    def __call__(self, k: int) -> Made:
-        label = int(self._day[k])
-        try:
-            return self._make(label)
-        except InputError as error:
-            raise InputError([f"day {label}: {problem}" for problem in error.problems]) from None
-        except Exception as error:  # a user's function may raise anything
-            raise InputError(f"make fails for day {label}, {shown(error)}: it must give the series of every day") from (
-                error
-            )
-
-
-class Replaced:
-    """Days of which some series are given; None goes back to the default."""
-
-    def __init__(self, make: Maker, given: Mapping[str, Given | None]) -> None:
-        self._make, self._given = make, given
-
-    def __call__(self, k: int) -> Made:
-        return {**self._make(k), **{name: None if one is None else one.of_day(k) for name, one in self._given.items()}}
-
-
-class Picked:
-    """Days of others: of the ``part`` of each, the one ``at`` a position, both (n_days,)."""
-
-    def __init__(self, makers: Sequence[Maker], part: Index, at: Index) -> None:
-        self._makers, self._part, self._at = makers, part, at
-
-    def __call__(self, k: int) -> Made:
-        make: Maker = self._makers[self._part[k]]
-        return make(int(self._at[k]))
-
-
-class EndToEnd:
-    """Days joined in time: each is that of the first boundary, followed by those of the others."""
-
-    def __init__(self, parts: Sequence[Samples]) -> None:
-        self._parts = parts
-
-    def __call__(self, k: int) -> Made:
-        rows = [part.of_day(k) for part in self._parts]
-        return {name: np.concatenate([one[name] for one in rows]) for name in rows[0]}
-
-
-def _checked_day(made: Made, label: int, n_steps: int) -> tuple[dict[str, Array], int]:
-    """One day as a user's function made it, as series of (n_steps,), and how many seconds have no air flow.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake, naming the day.
-    """
-    if not isinstance(made, Mapping):
-        cure = "give a mapping of series, such as a dict"
-        raise InputError(WrongType(f"make gives a {type(made).__name__} for day {label}: {cure}"))
-    known = ", ".join(BOUNDARY_SERIES)
-    problems = [
-        f"make gives {shown(name)} for day {label}{nearest(str(name), BOUNDARY_SERIES)}: use {known}"
-        for name in made
-        if name not in BOUNDARY_SERIES
-    ]
-    rows: dict[str, Array] = {}
-    for name, series in BOUNDARY_SERIES.items():
-        with collecting(problems, f"day {label}: "):
-            one = read(series, made.get(name))
-            if "day" in one.dims:
-                raise InputError(f"{name} has a dim day: give the samples of this day alone")
-            if "elapsed_time" in one.dims and one.values.size != n_steps:
-                raise InputError(
-                    f"{name} has {one.values.size:,} samples where the day has {n_steps:,}: give one for each second"
-                )
-            if found := value_problems(series, one, np.asarray(label)):
-                raise InputError(found)
-            rows[name] = frozen(one.spread(1, n_steps)[0])
-    if problems:
-        raise InputError(problems)
-    stopped = 0
-    if made.get("enabled") is None:
-        rows["enabled"], stopped = enabled_by(rows["m_a"])
-        frozen(rows["enabled"])
-    return rows, stopped

@@ -111,8 +111,8 @@ def test_days_without_air_flow_are_told_once_with_their_hours(recwarn):
     [
         ({"T_w_in": None}, ["day 1: T_w_in is missing"]),
         ({"T_a_in": np.full(N, 99.0)}, ["day 1: T_a_in = 99 degC at second 0", "900 samples"]),
-        ({"T_a_in": np.ones(N - 1)}, ["day 1: T_a_in has 899 samples where the day has 900"]),
-        ({"T_a_in": np.ones((2, N))}, ["day 1: T_a_in has a dim day"]),
+        ({"T_a_in": np.ones(N - 1)}, ["day 1: T_a_in has 899 samples where the boundary has 900"]),
+        ({"T_a_in": np.ones((2, N))}, ["day 1: T_a_in has 2 days where the boundary has 1"]),
         ({"T_A_in": 3.0}, ["'T_A_in' for day 1", "did you mean 'T_a_in'?: use m_a, T_a_in"]),
     ],
 )
