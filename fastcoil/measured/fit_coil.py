@@ -81,16 +81,11 @@ def fit_coil(
         the march that they were fitted with.
     holds
         Name or names of inputs that hold between samples; the others run straight.
-    split, fit_until
-        Share of the log that is fitted (of its pieces, if it has at least four), 0.7 if left out; or the last second
-        that is fitted.  The rest is held back for validation.
-    validation
-        Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
-        ``fit_until``.  It has no influence on the fit.
-    drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.Reading``.
-    time_format
-        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+    split, fit_until, validation
+        As in ``fc.fit_valve``; the pieces between gaps are its batches.
+    drop, jumps, max_gap, time_format
+        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
+        ``fastcoil.logs.Reading``.
 
     Returns
     -------

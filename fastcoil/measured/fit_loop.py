@@ -1,24 +1,32 @@
-"""``fit_loop``: the backlash of a valve from recorded commands and supply temperatures, with a model of its coil."""
+"""``fit_loop``: the backlash of a valve from recorded commands and supply temperatures, with a model of its coil.
+
+The grey-box problem: the emulator behind the logged command with each candidate backlash, and which fits.
+"""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import checking, instance_of, number_of
-from fastcoil.base.errors import shown
+from fastcoil.base.arrays import Array, Index
+from fastcoil.base.errors import InputError, shown
+from fastcoil.logs import Log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.logs.series import HUMIDITIES
+from fastcoil.logs.pieces import require_whole_seconds
+from fastcoil.logs.series import HUMIDITIES, counted
+from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
-from fastcoil.measured.coil_problem import in_operation
+from fastcoil.loops.simulate import simulate
+from fastcoil.measured.coil_problem import in_operation, number_in, on_seconds, require_days, require_temperatures
 from fastcoil.measured.fit import Fit, poor, profile_of, rmse_of
-from fastcoil.measured.loop_problem import LARGEST, LoopProblem, LoopSolution
-from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
+from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, Part, checked_part, unbroken
+from fastcoil.measured.valve_problem import reversals
 from fastcoil.model.metric_table import WARM_UP
 
 FEWEST_REVERSALS, FEWEST_BLOCKS = 2, 6
@@ -28,6 +36,23 @@ LEAST_EXPLAINED = 0.8  # share of the changes of T_sup below which the model is 
 _WANTED = Wanted(
     needed=("command", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup"), optional=("enabled",), measured=("T_sup",)
 )
+
+LARGEST = 0.25  # candidate, fraction of stroke
+_COARSE, _FINE, _NEAR = 0.005, 0.0005, 0.01
+"""Steps of the candidates, over the whole range and this near to the best, fractions of stroke."""
+_BLOCK = 1800.0  # seconds whose residuals are taken to belong together
+_RESAMPLES = 400
+_FEWEST_SAMPLES = 60
+_APART = 120.0  # seconds between the temperatures whose difference is compared
+_LEAST_SLOPE = 0.02  # of measured over modelled changes
+_CONFIDENCE, _WIDER = 0.95, 0.005
+"""Of the interval, and by how much it is widened on both sides for what the model gets wrong, fraction of stroke."""
+_COARSE_LOG = 90.0  # above so many seconds between samples, turns of a command that moves are missed
+_HELD, _MOVES = 2e-3, 0.25
+"""A command that changes by more than the first in more than this share of the samples also moves between them."""
+_NEUTRAL: dict[str, Any] = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlash_estimate": 0.0, "learning_step": 0.0,
+            "estimator": "none", "law": "pi"}  # fmt: skip
+"""What a loop may have and an emulator in open loop does not use."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -90,10 +115,9 @@ def fit_loop(
         Seconds left out at each start of the model [s].
     split, fit_until, validation
         As in ``fc.fit_valve``.
-    drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.Reading``.
-    time_format
-        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+    drop, jumps, max_gap, time_format
+        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
+        ``fastcoil.logs.Reading``.
 
     Returns
     -------
@@ -191,3 +215,199 @@ def _why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
             "set-point goes up and down"
         )
     return f"not identified: {why}" if why else ""
+
+
+class Sums(NamedTuple):
+    """Sums over the compared changes in each block of each piece: measured y, modelled m for each candidate."""
+
+    piece: Index  # of each block, (blocks,)
+    n: Array  # (blocks,), as y and yy
+    y: Array
+    yy: Array
+    m: Array  # (blocks, candidates), as mm and my
+    mm: Array
+    my: Array
+
+
+class Correction(NamedTuple):
+    """Measured over modelled change, (pieces, candidates); squares left, (candidates,), and of the changes, K²."""
+
+    slope: Array
+    rss: Array
+    total: float
+
+
+class LoopSolution(NamedTuple):
+    """Candidates and their RMSE, K; the best and its 95 % interval; share of the changes explained; T_sup, (n,)."""
+
+    grid: Array
+    rmse: Array
+    backlash: float
+    error: float
+    interval: tuple[float, float]
+    explained: float
+    n_blocks: int
+    modelled: Array
+    without_backlash: Array
+
+
+class _Piece(NamedTuple):
+    """An unbroken piece that has something to compare."""
+
+    samples: Index
+    day: Boundary
+    commands: dict[str, Array]  # by how they run between samples
+    at: Index  # second of each sample
+
+
+class LoopProblem:
+    """A log, the emulator that is run behind its command, and which samples are compared."""
+
+    def __init__(self, data: Log, loop: Loop, warm_up: float, part: Part) -> None:
+        require_whole_seconds(data.name, data.step)
+        self.data, self.notes = data, list(data.notes)
+        self.loop = loop.assign(**_NEUTRAL)
+        self.T_sup, command = data.values["T_sup"], data.values["command"]
+        self.fitting = part.fitted(data)
+        self.compared = (data.since_batch() >= warm_up) & np.isfinite(self.T_sup)
+        self.used = self.compared & self.fitting
+        require_temperatures(data, self.used, _FEWEST_SAMPLES, warm_up, self.notes)
+        self.n_reversals = reversals(command[self.used], data.batch[self.used])
+        self.moves = float(np.mean(np.abs(np.diff(command)) > _HELD))
+        self.pieces = self._pieces(warm_up)
+
+    @property
+    def is_coarse(self) -> bool:
+        """Whether turns of the command between samples are missed."""
+        return self.data.step > _COARSE_LOG and self.moves > _MOVES
+
+    def _pieces(self, warm_up: float) -> list[_Piece]:
+        data, found = self.data, []
+        values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in")}
+        values |= dict.fromkeys(("held", "straight"), data.values["command"])
+        values["W_a_in"] = data.humidity_ratio(number_in(self.loop, "pressure"))
+        pieces = unbroken(data.batch)
+        kept = [samples for samples in pieces if self.compared[samples].any()]
+        if len(kept) < len(pieces):
+            self.notes.append(f"{counted(len(pieces) - len(kept), 'piece')} shorter than the warm-up left out")
+        require_days(data, kept)
+        for samples in kept:
+            of_piece = {name: series[samples] for name, series in values.items()}
+            series, at = on_seconds(data.time[samples], of_piece, ("held",))
+            commands = {runs: series.pop(runs) for runs in ("held", "straight")}
+            found.append(_Piece(samples, Boundary(**series, T_set=0.0, enabled=1.0), commands, at))
+        if len(found) > 1:
+            self.notes.append(
+                f"{counted(len(found), 'unbroken piece')}, each starting at {self.loop['T_initial']} degC, the first "
+                f"{warm_up:g} s of each left out"
+            )
+        return found
+
+    def modelled(self, backlash: Array, runs: str) -> Array:
+        """Supply temperature with each candidate at the samples, (n, candidates), °C; NaN in pieces left out.
+
+        runs: how the command runs between samples, ``held`` or ``straight``.
+        """
+        found = np.full((self.data.time.size, backlash.size), np.nan)
+        sweep = self.loop.assign(backlash=("candidate", backlash))
+        for piece in self.pieces:
+            every = int(np.gcd.reduce(piece.at))
+            ds = simulate(
+                sweep, piece.day, command=piece.commands[runs], traces=["T_measured"], trace_interval=every,
+                warm_up=0, progress=False,
+            )  # fmt: skip
+            found[piece.samples] = ds["T_measured"].transpose("elapsed_time", "candidate").values[piece.at // every]
+        return found
+
+    def sums(self, modelled: Array) -> Sums:
+        """Sums over the fitted changes of each block.
+
+        Changes over ``_APART`` s are compared, not temperatures: what a coil that is not quite the right one gets wrong
+        changes slowly, and a command that follows the temperature would be blamed for it.
+        """
+        used, batch, width = self.used, self.data.batch, max(1, round(_APART / self.data.step))
+        own = np.concatenate([np.full(piece.samples.size, k) for k, piece in enumerate(self.pieces)])
+        at = np.concatenate([piece.samples for piece in self.pieces])
+        earlier = np.maximum(at - width, 0)
+        both = (at >= width) & used[at] & used[earlier] & (batch[at] == batch[earlier])
+        at, own = at[both], own[both]
+        if at.size < _FEWEST_SAMPLES:
+            raise InputError(
+                f"{self.data.name}: {counted(at.size, 'change')} of T_sup over {_APART:g} s to compare: give at least "
+                f"{_FEWEST_SAMPLES}, in a log with fewer gaps"
+            )
+        block = (self.data.since_batch()[at] // _BLOCK).astype(np.int64)
+        first = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(own, prepend=-1))
+        _, piece = np.unique(own[first], return_inverse=True)
+        y, m = (series[at] - series[at - width] for series in (self.T_sup, modelled))
+        totals = (
+            np.add.reduceat(v, first, axis=0) for v in (np.ones(y.size), y, y * y, m, m * m, y[:, np.newaxis] * m)
+        )
+        return Sums(piece, *totals)
+
+    def solve(self) -> LoopSolution:
+        """The best candidate of a coarse grid, refined, and how far it moves when blocks of the log are resampled.
+
+        How a command that moves at most samples ran between them is unknown: what fits better is taken.
+        """
+        coarse = np.arange(0.0, LARGEST + _COARSE / 2, _COARSE)
+        ways = ("held", "straight") if self.moves > _MOVES else ("held",)
+        tried = {runs: corrected(self.sums(self.modelled(coarse, runs))).rss for runs in ways}
+        runs = min(tried, key=lambda way: float(tried[way].min()))
+        near = float(coarse[tried[runs].argmin()])
+        fine = np.arange(max(near - _NEAR, 0.0), min(near + _NEAR, LARGEST) + _FINE / 2, _FINE)
+        grid = np.unique(np.round(np.concatenate([coarse, fine]), 6))
+        modelled = self.modelled(grid, runs)
+        sums = self.sums(modelled)
+        best = corrected(sums)
+        k = int(best.rss.argmin())
+        draws = grid[[int(corrected(drawn).rss.argmin()) for drawn in _resampled(sums)]]
+        low, high = np.quantile(draws, (0.5 - _CONFIDENCE / 2, 0.5 + _CONFIDENCE / 2))
+        return LoopSolution(
+            grid=grid,
+            rmse=np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()),
+            backlash=float(grid[k]),
+            error=float(draws.std()),
+            interval=(max(float(low) - _WIDER, 0.0), min(float(high) + _WIDER, LARGEST)),
+            explained=1.0 - float(best.rss[k]) / max(best.total, 1e-12),
+            n_blocks=sums.n.size,
+            modelled=self._shown(modelled, best, k),
+            without_backlash=self._shown(modelled, best, 0),
+        )
+
+    def _shown(self, modelled: Array, by: Correction, k: int) -> Array:
+        """Corrected temperature of a candidate at every sample; a piece held back gets the mean correction."""
+        batch, used, n = self.data.batch, self.used, self.data.n_batches
+        slope = np.full(n, by.slope[:, k].mean())
+        fitted = np.unique(batch[used])
+        if fitted.size == by.slope.shape[0]:
+            slope[fitted] = by.slope[:, k]
+        found = slope[batch] * modelled[:, k]
+        times = np.bincount(batch[used], minlength=n)
+        offset = np.bincount(batch[used], (self.T_sup - found)[used], n) / np.maximum(times, 1)
+        offset[times == 0] = offset[times > 0].mean()
+        return np.asarray(found + offset[batch])
+
+
+def corrected(sums: Sums) -> Correction:
+    """The least squares of y on slope · m and a drift in each piece, for each candidate.
+
+    The coil of the model is not quite the one of the log; a factor takes out most of what that does to the
+    temperature, and nothing of what a gap does to its turns.
+    """
+    of_pieces = np.zeros((int(sums.piece[-1]) + 1, sums.n.size))
+    of_pieces[sums.piece, np.arange(sums.n.size)] = 1.0
+    n, y, yy, m, mm, my = (of_pieces @ values for values in sums[1:])
+    n = np.maximum(n, 1.0)  # a piece that no resampled block is of
+    n, y, yy = n[:, np.newaxis], y[:, np.newaxis], yy[:, np.newaxis]
+    var_y, var_m, cov = yy - y * y / n, mm - m * m / n, my - m * y / n
+    slope = np.maximum(cov / np.maximum(var_m, 1e-12), _LEAST_SLOPE)
+    return Correction(slope, np.sum(var_y - 2.0 * slope * cov + slope * slope * var_m, axis=0), float(var_y.sum()))
+
+
+def _resampled(sums: Sums) -> Iterator[Sums]:
+    """The sums with as many blocks, drawn with replacement (Künsch 1989)."""
+    draw = np.random.default_rng(0)
+    for _ in range(_RESAMPLES):
+        times = np.bincount(draw.integers(0, sums.n.size, sums.n.size), minlength=sums.n.size).astype(float)
+        yield Sums(sums.piece, *(times * v if v.ndim == 1 else times[:, np.newaxis] * v for v in sums[1:]))

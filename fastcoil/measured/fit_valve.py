@@ -87,10 +87,9 @@ def fit_valve(
     holds
         ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
         between the rows, and the interval of the backlash allows for that.
-    drop, jumps, max_gap
-        What to do with bad rows, with time that goes back and with gaps: see ``fastcoil.logs.Reading``.
-    time_format
-        How ``timestamp`` is written, as in ``fc.Boundary.from_csv``.
+    drop, jumps, max_gap, time_format
+        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
+        ``fastcoil.logs.Reading``.
 
     Returns
     -------

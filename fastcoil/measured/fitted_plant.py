@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.grid import motor_positions, openings
+from fastcoil.measured.grid import all_good, motor_positions, openings
 
 HELD = 1e-9  # a command that changes by less is held
 LEAST_CHANGES, LEAST_PI_ROWS = 20, 30
@@ -256,11 +256,10 @@ class _Changes:
     def __init__(self, temperature: Array, good: Mask, interval: float) -> None:
         self.width = max(1, round(APART / interval))
         self.order = max(2, round(MEMORY / (self.width * interval)))
-        bad = np.concatenate([[0], np.cumsum(~good)])
         ends = np.arange((self.order + 1) * self.width, good.size, self.width)
-        self.used = bad[ends + 1] == bad[ends - (self.order + 1) * self.width]
+        self.used = all_good(good, ends - (self.order + 1) * self.width, ends)
         self.y = self.changes(temperature)
-        self.memory = np.zeros(self.order)
+        self.memory: Array = np.zeros(self.order)
 
     def changes(self, series: Array) -> Array:
         """(n_changes, …): between each ``width`` samples, first axis of ``series``."""

@@ -148,6 +148,12 @@ def held(series: Array) -> Array:
     return series[np.where(last < 0, np.argmax(known), last)]
 
 
+def all_good(good: Mask, first: Index, last: Index) -> Mask:
+    """Whether all samples from each ``first`` to its ``last`` are good."""
+    bad_before = np.concatenate([[0], np.cumsum(~good)])
+    return np.asarray(bad_before[last + 1] == bad_before[first])
+
+
 def motor_positions(command: Array, interval: float, stroke_time: float) -> Array:
     """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.grid import held, mean_openings, motor_positions
+from fastcoil.measured.grid import all_good, held, mean_openings, motor_positions
 from fastcoil.measured.part import turns
 
 LEAST_SET_POINT_CHANGE, LEAST_SET_POINT_CHANGES = 0.3, 2
@@ -48,8 +48,7 @@ def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | N
     if at.size < FEWEST:
         return False
     now, before, long_before = at[2:], at[1:-1], at[:-2]
-    bad_before = np.concatenate([[0], np.cumsum(~good)])
-    whole = bad_before[now + 1] == bad_before[long_before]
+    whole = all_good(good, long_before, now)
     for end in (now, before):  # a command at its end does not follow the law
         whole &= (command[end] > CLOSED) & (command[end] < 1.0 - CLOSED)
     now, before, long_before = now[whole], before[whole], long_before[whole]
@@ -92,9 +91,8 @@ def late(command: Array, temperature: Array, good: Mask) -> int:
         return 0
     first, middle, last = changed[:-2], changed[1:-1], changed[2:]
     even = (middle - first == last - middle) & (last - middle <= 2 * FARTHEST)
-    whole = np.concatenate([[0], np.cumsum(~good)])
     even &= first >= FARTHEST
-    even &= whole[np.minimum(last + FARTHEST + 1, command.size)] == whole[np.maximum(first - FARTHEST, 0)]
+    even &= all_good(good, np.maximum(first - FARTHEST, 0), np.minimum(last + FARTHEST, command.size - 1))
     first, middle, last = first[even], middle[even], last[even]
     if first.size < FEWEST:
         return 0
@@ -154,8 +152,7 @@ def likelihoods(
     n, width = temperature.size, max(1, round(HORIZON / interval))
     span = (max(OWN_LAGS, OPENING_LAGS) + 1) * width + 1
     rows = np.arange(-(-span // width) * width, n, width)
-    bad_before = np.concatenate([[0], np.cumsum(~good)])
-    rows = rows[bad_before[rows + 1] == bad_before[rows - span + 1]]
+    rows = rows[all_good(good, rows - span + 1, rows)]
     if rows.size < LEAST_ROWS:
         return None
 
@@ -246,33 +243,16 @@ class Identification(NamedTuple):
 
 
 def identify_backlash(
-    command: Array,
-    temperature: Array,
-    interval: float,
-    T_set: Array | None = None,
-    disturbances: tuple[Array, ...] = (),
-    enabled: Mask | None = None,
-    stroke_time: float | None = None,
+    command: Array, temperature: Array, interval: float, T_set: Array | None = None,
+    disturbances: tuple[Array, ...] = (), enabled: Mask | None = None, stroke_time: float | None = None,
     sample_time: float | None = None,
-) -> Identification:
-    """Identify the backlash of a valve from a trend log.
+) -> Identification:  # fmt: skip
+    """Identify the backlash of a valve from a trend log, a sample every ``interval`` s.
 
-    Parameters
-    ----------
-    command, temperature
-        (n,): command to the actuator, fraction of stroke, and measured supply temperature, °C.  NaN where missing.
-    interval
-        Seconds from sample to sample.
-    T_set
-        Set-point, °C, if the log has it.
-    disturbances
-        What else the log has that moves the temperature: air flow, entering air temperature.
-    enabled
-        Whether the plant was on; all of it if None.
-    stroke_time
-        Of the motor, s; 90 if None, 0 if it is as good as immediate.
-    sample_time
-        Of the controller, s, if known.
+    command, temperature: (n,), fraction of stroke, °C; NaN where missing.  T_set: °C, if the log has it.  disturbances:
+    what else the log has that moves the temperature: air flow, entering air temperature.  enabled: whether the plant
+    was on; all of it if None.  stroke_time: of the motor, s; 90 if None, 0 if it is as good as immediate.  sample_time:
+    of the controller, s, if known.
     """
     command, temperature = np.asarray(command, float), np.asarray(temperature, float)
     good = np.isfinite(command) & np.isfinite(temperature)
@@ -284,53 +264,35 @@ def identify_backlash(
     if not good.any():
         return _cannot("no sample has both a command and a temperature with the plant on")
     stroke_time = USUAL_STROKE_TIME if stroke_time is None else stroke_time
-    log = _Log(held(command), held(temperature), tuple(np.asarray(d, float) for d in disturbances), good)
-    positions = motor_positions(log.command, interval, stroke_time)
+    command, temperature, n = held(command), held(temperature), command.size
+    positions = motor_positions(command, interval, stroke_time)
     if turns(positions, LEAST_TURN) == 0:
         return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
-    samples = late(log.command, log.temperature, good)
+    samples = late(command, temperature, good)
+    found = []
     # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
-    logs = [log.moved(samples)] if samples >= 0 else [log, log.moved(samples)]
-    found = [each for each in (_compared(one, interval, stroke_time) for one in logs) if each is not None]
-    if not found:
+    for moved in (samples,) if samples >= 0 else (0, samples):
+        at, seen = slice(max(-moved, 0), n - max(moved, 0)), slice(max(moved, 0), n - max(-moved, 0))
+        motor = motor_positions(command[at], interval, stroke_time)
+        measured = tuple(np.asarray(series, float)[seen] for series in disturbances)
+        both = good[at] & good[seen]
+        found.append(likelihoods(temperature[seen], motor, measured, both, interval, CANDIDATES))
+    if not any(found):
         return _cannot("too little of the log can be used, or its temperature stands still: log for two hours or more")
-    provoked = is_provoked(log.command, log.temperature, good, T_set, interval)
+    provoked = is_provoked(command, temperature, good, T_set, interval)
     unseen = sample_time is None or sample_time < interval
     in_step = sample_time is not None and not unseen and (sample_time / interval) % 1.0 < 1e-6
     doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
-    jumpy = share_to_and_fro(log.command, good) > MOST_TO_AND_FRO
+    jumpy = share_to_and_fro(command, good) > MOST_TO_AND_FRO
     counts *= JUMPY_COUNTS if jumpy else 1.0
     if jumpy and not (provoked and in_step):
         doubt = (
             "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
             "as often as the controller acts, say its sample time, and change the set-point up and down"
         )
-    elif arrivals(log.command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
+    elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: lower the gain of the controller, and log again"
-    return _judged(found, provoked, doubt, counts)._replace(late=samples * interval)
-
-
-class _Log(NamedTuple):
-    """What is compared, each (n,)."""
-
-    command: Array
-    temperature: Array
-    disturbances: tuple[Array, ...]
-    good: Mask
-
-    def moved(self, samples: int) -> _Log:
-        """The temperatures and all that is measured with them moved to where they belong, if they stand late."""
-        if samples == 0:
-            return self
-        n = self.command.size
-        at, seen = slice(max(-samples, 0), n - max(samples, 0)), slice(max(samples, 0), n - max(-samples, 0))
-        disturbances = tuple(series[seen] for series in self.disturbances)
-        return _Log(self.command[at], self.temperature[seen], disturbances, self.good[at] & self.good[seen])
-
-
-def _compared(log: _Log, interval: float, stroke_time: float) -> Likelihood | None:
-    positions = motor_positions(log.command, interval, stroke_time)
-    return likelihoods(log.temperature, positions, log.disturbances, log.good, interval, CANDIDATES)
+    return _judged([one for one in found if one], provoked, doubt, counts)._replace(late=samples * interval)
 
 
 def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: float) -> Identification:
@@ -353,20 +315,14 @@ def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: flo
         best = int(surely.argmax())
     backlash, good = float(CANDIDATES[best]), CANDIDATES <= GOOD + 1e-9
     worse = bool(probability.max() >= LEAST_ODDS * probability[good].max())
-    low, high = _interval(probability)
-    low = low if worse else 0.0
-    reason = doubt
-    if doubt:
-        low, high = 0.0, float(CANDIDATES[-1])
-    elif backlash <= GOOD and not provoked:
-        reason = (
-            "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
-        )
-        low, high = 0.0, float(CANDIDATES[-1])
-    elif surely[best] < SURE or (backlash > GOOD and not worse):
+    if not doubt and backlash <= GOOD and not provoked:
+        doubt = "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
+    low, high = (0.0, float(CANDIDATES[-1])) if doubt else _interval(probability)
+    low, reason = low if worse else 0.0, doubt
+    if not doubt and (surely[best] < SURE or (backlash > GOOD and not worse)):
         sizes = f"gaps from {100 * low:.1f} % to {100 * high:.1f} %"
         reason = f"{sizes} explain the log: change the set-point up and down, or log longer"
-    elif high >= CANDIDATES[-1]:
+    elif not doubt and high >= CANDIDATES[-1]:
         reason = f"the gap may be {100 * high:.0f} % of the stroke or more, and larger ones are not looked for"
     return Identification(backlash, low, high, not reason, reason, CANDIDATES, probability)
 

@@ -29,8 +29,7 @@ from fastcoil.model.metric_table import TRACES
 from fastcoil.model.user_rules import rules_for_kernels
 
 _NEEDED = ("T_sup", "T_set")
-_ROUND_OFF = 1e-6
-"""Of the times of a log, s."""
+_ROUND_OFF = 1e-6  # of the times of a log, s
 
 
 def replay(
@@ -86,24 +85,13 @@ def replay(
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         log = check(log_of, "log", log)
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
-        how = checked_reading(
-            check,
-            columns=columns,
-            units=units,
-            constants=constants,
-            max_gap=max_gap,
-            time_format=time_format,
-            unbroken=True,
-        )
+        how = checked_reading(check, columns=columns, units=units, constants=constants, max_gap=max_gap,
+                              time_format=time_format, unbroken=True)  # fmt: skip
     if missing := missing_parameters(loop):
         raise InputError(missing)
     see_air = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
     sees_air = bool(loop.rules) or not see_air.isdisjoint(words_used(loop, "estimator"))
-    data = read_log(
-        log,
-        Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)),
-        how,
-    )
+    data = read_log(log, Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)), how)
     warn_of_reading(data.name, data.reading_notes)
     series = _seconds(data)
     if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
@@ -118,9 +106,7 @@ def replay(
     matrix = parameter_matrix(columns_of(loop, loop.sizes, np.arange(n)), rules)
     found = run_replay(matrix, series, trace_interval, rules)
     ds = xr.Dataset(coords={name: c.assign_attrs(coordinate_attrs(name)) for name, c in loop.coordinates().items()})
-    ds = ds.assign_coords(
-        elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")),
-    )
+    ds = ds.assign_coords(elapsed_time=("elapsed_time", points.astype(float), coordinate_attrs("elapsed_time")))
     for name, values in found.items():
         shape = (*loop.sizes.values(), points.size)
         ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), attributes(TRACES[name]))

@@ -9,8 +9,7 @@ from helpers.commands import fastcoil
 from helpers.refusals import refusal
 
 import fastcoil as fc
-from fastcoil.measured.fit_loop import GOOD, TOLERANCE
-from fastcoil.measured.loop_problem import Sums, corrected
+from fastcoil.measured.fit_loop import GOOD, TOLERANCE, Sums, corrected
 
 pytestmark = pytest.mark.kernel
 
