@@ -276,7 +276,7 @@ class _Changes:
         """Fit the autoregression to the changes of a disturbance."""
         n = residual.size
         X = np.stack([residual[self.order - lag : n - lag] for lag in range(1, self.order + 1)], axis=1)
-        self.memory = np.linalg.lstsq(X[self.used], residual[self.order :][self.used], rcond=None)[0]
+        self.memory = np.asarray(np.linalg.lstsq(X[self.used], residual[self.order :][self.used], rcond=None)[0], float)
 
 
 class _Found(NamedTuple):
