@@ -93,6 +93,9 @@ def test_the_summary_of_a_run_says_what_plain_python_finds(tmp_path):
     sizes, tunings, median = (0.03, 0.07, 0.1), ("own", "calm"), statistics.median
     own = median(rmse[t, x, 0.95] / rmse[t, x, 0.0] for t in tunings for x in sizes)
     assert f"Lowest error at estimate ratio 0.95: RMSE is {lower(own)} against the plain PI (median)" in said
+    assert re.search(
+        r"Mode switches per 10 min \(median\): [\d.]+ with the plain PI, at most [\d.]+ up to estimate ratio 1, ", said
+    )
     best = min(tunings, key=lambda t: sum(rmse[t, x, 0.0] / min(rmse[s, x, 0.0] for s in tunings) for x in sizes))
     alone = median(rmse[best, x, 0.0] / rmse[t, x, 0.0] for t in tunings for x in sizes)
     under = [rmse[t, x, 0.95] < rmse[best, x, 0.0] for t in tunings for x in sizes]

@@ -127,6 +127,7 @@ def test_every_kind_of_boundary_has_its_arguments_and_the_needed_ones():
         "[loop]\n[sweep]\naction = { linspace = [0, 1, 3] }",
         "[loop]\n[cases.tuning]\na = { kpp = 0.1 }",
         "[loop]\n[cases.tuning]\na = 3",
+        "[loop]\n[tune]\nsearch = { kpp = [0, 1] }",
         "[loop]\n[cases.rmse]\na = { kp = 0.1 }",
         "[loop]\n[cases.'a b']\na = { kp = 0.1 }",
         "[loop]\n[sample]\nmethod = 'random'\nsize = 10000001\nkp = { uniform = [0, 1] }",

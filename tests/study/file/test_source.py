@@ -183,3 +183,9 @@ def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
 def test_a_unit_that_no_file_holds_is_refused(study):
     with pytest.raises(InputError, match=r"unit = 'a\\x00b': it has characters that cannot be stored as UTF-8"):
         read_study(study(RULE.replace("(0.01)", r'(0.01, unit="a\x00b")')))
+
+
+def test_an_estimator_and_a_law_have_names_of_their_own(study):
+    both = RULE.replace("def one", "@fc.law(Parameters, Memory)\ndef one")
+    with pytest.raises(InputError, match="two rules are called one: rename one of them"):
+        read_study(study(both, RULED.replace("[boundary]", 'law = "mine:one"\n[boundary]')))
