@@ -21,8 +21,7 @@ from typing import Literal, NamedTuple
 from fastcoil.base.arguments import checking, is_number, path_of, plain, text_of, whole_of
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import require_mappings
-from fastcoil.loops.boundary.air_handler import chosen_settings, series_of_day, settings_of
-from fastcoil.loops.boundary.air_handler_parts import DAY, outdoors_of
+from fastcoil.loops.boundary.air_handler import DAY, chosen_settings, outdoors_of, series_of_day, settings_of
 from fastcoil.loops.boundary.conditions import condition_of, days_of, several_of
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.weather_files import WEEKDAYS, Weather, read_weather, warn_of_hours

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from reference.trim_and_respond import set_points
 
-from fastcoil.loops.boundary import air_handler_parts as drifts
-from fastcoil.loops.boundary.air_handler_parts import (
-    Trim,
+from fastcoil.loops.boundary import air_handler as drifts
+from fastcoil.loops.boundary.air_handler import (
+    Settings,
     between,
     coil_is_needed,
     flow_share,
@@ -18,11 +18,17 @@ from fastcoil.loops.boundary.air_handler_parts import (
 )
 from fastcoil.model.moist_air import enthalpy, mix
 
-GUIDELINE = Trim(0.1, 0.2, 0.6, 2, 600, 120)
+
+def trim_of(trim, respond, respond_max, ignored_requests, trim_delay, trim_interval):
+    return Settings(**locals(), T_set_min=13.0, T_set_max=18.0)
+
+
+GUIDELINE = trim_of(0.1, 0.2, 0.6, 2, 600, 120)
 
 
 @pytest.mark.parametrize(
-    ("trim", "spread"), [(GUIDELINE, 0.3), (Trim(0.3, 0.1, 0.25, 0, 0, 60), 0.0), (Trim(0.2, 0.02, 9.0, 0, 0, 60), 0.3)]
+    ("trim", "spread"),
+    [(GUIDELINE, 0.3), (trim_of(0.3, 0.1, 0.25, 0, 0, 60), 0.0), (trim_of(0.2, 0.02, 9.0, 0, 0, 60), 0.3)],
 )
 def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(trim, spread):
     rng = np.random.default_rng(5)
@@ -31,7 +37,7 @@ def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(trim, spread):
     loads = zone_loads(np.maximum(mean, 0.0), spread, rng.normal(0, 0.05, (n, 20)))
     T_out = 18.5 + 4 * np.sin(np.arange(n) / 30)
     share = between(T_out, 16.0, 21.0, 0.0, 1.0)
-    tops = trim_and_respond(trim, low, high, share, request_limits(loads, T_zone, low))
+    tops = trim_and_respond(trim, share, request_limits(loads, T_zone, low))
     expected = set_points(
         loads.tolist(),
         T_out.tolist(),
@@ -48,8 +54,8 @@ def test_without_requests_the_top_is_trimmed_up_and_with_many_it_falls_by_the_mo
     quiet = request_limits(np.zeros((40, 5)), 24.0, 13.0)
     loud = request_limits(np.full((40, 5), 1.5), 24.0, 13.0)
     flat = np.zeros(40)
-    assert (trim_and_respond(GUIDELINE, 13.0, 18.0, flat, quiet) == 18.0).all()
-    falls = trim_and_respond(GUIDELINE, 13.0, 18.0, flat, loud)
+    assert (trim_and_respond(GUIDELINE, flat, quiet) == 18.0).all()
+    falls = trim_and_respond(GUIDELINE, flat, loud)
     np.testing.assert_allclose(falls[:5], 18.0)  # 10 min are five steps of 2 min
     np.testing.assert_allclose(falls[5:15], 18.0 - 0.5 * np.arange(1, 11))
     assert (falls[15:] == 13.0).all()
