@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import logging
 import signal
 import socket
@@ -21,7 +20,7 @@ from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.routing import Matcher, Rule, RuleRouter
 
-from fastcoil.base.errors import InputError, StorageError
+from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore.loop import Model
 from fastcoil.deliver.explore.page import Page
 from fastcoil.model.numerics.jit import is_compiled
@@ -101,10 +100,7 @@ def _bound(port: int) -> socket.socket:
     try:
         found = socket.create_server((ADDRESS, port), backlog=128)
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            raise InputError(f"port {port} is taken: give another one, such as --port {port + 1}") from None
-        if error.errno == errno.EACCES:
-            raise InputError(f"port {port} is not yours to use: give one above 1023, such as --port 5010") from None
-        raise StorageError(f"port {port}: {error.strerror}") from None
+        problem = f"port {port} cannot be used ({error.strerror})"
+        raise InputError(f"{problem}: give another one above 1023, such as --port {max(port, 5009) + 1}") from None
     found.setblocking(False)
     return found

@@ -58,15 +58,6 @@ def span(low: float, high: float) -> str:
     return f"{change(low).removesuffix(' %')} to {change(high)}"
 
 
-def share(value: float) -> str:
-    """``12 %``; neither 0 nor 100 unless it is all or nothing."""
-    if not math.isfinite(value):
-        return NONE
-    if 0.0 < value < 0.005:
-        return "< 1 %"
-    return "> 99 %" if 0.995 < value < 1.0 else f"{100 * value:.0f} %"
-
-
 def setting(name: str, value: object) -> str:
     """The value of a parameter with its unit: ``7 %``, ``0.03 1/K``, ``cooling``."""
     if isinstance(value, bool) or not isinstance(value, int | float):

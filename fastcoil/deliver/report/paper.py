@@ -11,7 +11,7 @@ from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import exists, read_bytes, storage_errors
 from fastcoil.base.text import percent
 from fastcoil.deliver.report.computed import cited, here
-from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, facts, share
+from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, facts
 from fastcoil.study.paper import grid
 from fastcoil.study.paper.scorecard import SURELY
 
@@ -76,9 +76,9 @@ def _page(card: Mapping[str, Any], folder: Path) -> Page:
     shares = [found["share"] for claim in claims for found in claim["kinds"].values() if found["share"] is not None]
     hold, fail = sum(one >= SURELY for one in shares), sum(one <= 1.0 - SURELY for one in shares)
     answer = [
-        f"Of {len(shares)} verdicts, one for each claim and kind of day, {hold} say that it holds (for {share(SURELY)} "
-        f"of tunings × days or more), {fail} that it does not ({share(1.0 - SURELY)} or less), the others that it "
-        "depends on the tuning.",
+        f"Of {len(shares)} verdicts, one for each claim and kind of day, {hold} say that it holds (for "
+        f"{percent(SURELY)} of tunings × days or more), {fail} that it does not ({percent(1.0 - SURELY)} or less), the "
+        "others that it depends on the tuning.",
         *map(_change, moving[:3]),
     ]
     identities = [f"“{c['claim']}” ({c['section']}) {c['verdict']}. {c['why']}" for c in card["identities"]]
@@ -101,7 +101,7 @@ def _page(card: Mapping[str, Any], folder: Path) -> Page:
 
 
 def _change(claim: Mapping[str, Any]) -> str:
-    shares = ", ".join(f"{share(found['share'])} on {kind} days" for kind, found in claim["kinds"].items())
+    shares = ", ".join(f"{percent(found['share'])} on {kind} days" for kind, found in claim["kinds"].items())
     return f"Depends on the day: “{claim['claim'].rstrip('.')}” holds in {shares}."
 
 
@@ -123,8 +123,7 @@ def _verdicts(card: Mapping[str, Any], claims: Sequence[Mapping[str, Any]], capt
 
 def _share(value: float | None, limits: tuple[float, float] | None) -> str:
     """A share, with its interval if it has one."""
-    within = f" ({100 * limits[0]:.0f} to {100 * limits[1]:.0f})" if limits else ""
-    return "—" if value is None else percent(value) + within
+    return "—" if value is None else percent(value, *(limits or ()))
 
 
 def _figures(folder: Path, *, quick: bool) -> list[Block]:
@@ -145,7 +144,7 @@ def _claim(c: Mapping[str, Any], presets: list[str]) -> list[Block]:
     lines, rows, columns = [f"Counts as holding: {c['counts_as_holding']} {c['note']}".strip()], [], [*presets, "grid"]
     for kind, found in c["kinds"].items():
         hunting = found["share_of_hunting"]
-        among = "" if hunting is None else f"; {share(hunting)} among the tunings that hunt by themselves"
+        among = "" if hunting is None else f"; {percent(hunting)} among the tunings that hunt by themselves"
         of = f"{percent(found['share'], decimals=1)} of {c['n_tunings']} × {c['n_days']}"
         lines.append(f"{kind}: {found['verdict_text']}; {of}{among}.")
         measured = found["measured"]

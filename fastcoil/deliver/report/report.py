@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fastcoil.base.arguments import checking, path_of
+from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, WrongType
 from fastcoil.base.files import exists, is_folder
 from fastcoil.deliver.report.page import Page, require_page
@@ -19,12 +20,11 @@ REPORT = "report.html"
 """Name of the page in a folder."""
 SCORECARD = "scorecard.json"
 """What `fastcoil paper` leaves in its folder."""
-_PAGES = {"Fit": "fit_page", "Diagnosis": "diagnosis_page", "Tuning": "tuning_page", "Explanation": "explanation_page"}
-"""Class of a result, and the function of ``results`` that makes its page."""
 _CURE = (
     "give the folder of a study or of the paper's figures, or what fc.diagnose, fc.fit_valve, fc.fit_coil, "
     "fc.fit_loop, fc.tune or fc.explain returned"
 )
+_FILE = "give a file NAME.html, such as 'report.html'"
 
 
 def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
@@ -50,22 +50,18 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     StorageError, IntegrityError
         If a file cannot be read or written; if results are damaged.  Nothing half-written is left behind.
     """
-    of_folder = isinstance(what, (str, os.PathLike))
-    with checking() as check:
-        folder = check(path_of, "what", what, _CURE) if of_folder else None
-        where = check.unless_none(path_of, "path", path, "give a file NAME.html")
-        if not of_folder:
-            check(_class_of, what)
-            if path is None:
-                check.problems.append("path is missing: give a file NAME.html, such as 'report.html'")
-    if folder is not None:
-        where = where or folder / REPORT
+    if isinstance(what, (str, os.PathLike)):
+        folder = path_of("what", what, _CURE)
+        where = folder / REPORT if path is None else path_of("path", path, _FILE)
         require_folder(folder)
         require_page(where)
         return page_of_folder(folder).write(where)
-    assert where is not None
+    make = _page_function(what)
+    if path is None:
+        raise InputError(f"path is missing: {_FILE}")
+    where = path_of("path", path, _FILE)
     require_page(where)
-    return page_of_result(what).write(where)
+    return make(what).write(where)
 
 
 def require_folder(folder: Path) -> None:
@@ -96,15 +92,13 @@ def page_of_folder(folder: Path) -> Page:
 
 def page_of_result(what: Any) -> Page:
     """The page of what a function returned."""
-    from fastcoil.deliver.report import results
-
-    made: Page = getattr(results, _PAGES[_class_of(what)])(what)
-    return made
+    return _page_function(what)(what)
 
 
-def _class_of(what: Any) -> str:
-    """The class among those with a page that a result belongs to; found without importing them."""
-    for each in type(what).__mro__:
-        if each.__name__ in _PAGES and each.__module__.startswith("fastcoil."):
-            return each.__name__
+def _page_function(what: Any) -> Callable[[Any], Page]:
+    from fastcoil.deliver.report.results import PAGES
+
+    for kind, make in PAGES.items():
+        if isinstance(what, kind):
+            return make
     raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))

@@ -5,8 +5,8 @@ Each says what was asked, the answer, a figure, tables, how it was computed, and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,21 +25,17 @@ from fastcoil.deliver.report.page import (
     number,
     picture,
     setting,
-    share,
 )
-from fastcoil.design.tuning_result import table_rows
+from fastcoil.design.explain import Explanation
+from fastcoil.design.tuning_result import Tuning, table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.cause import WORDS
+from fastcoil.measured.diagnosis import Diagnosis
+from fastcoil.measured.fit import Fit
 from fastcoil.measured.fit_loop import LoopFit
 from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
-
-if TYPE_CHECKING:
-    from fastcoil.design.explain import Explanation
-    from fastcoil.design.tuning_result import Tuning
-    from fastcoil.measured.diagnosis import Diagnosis
-    from fastcoil.measured.fit import Fit
 
 
 def _sections(
@@ -197,7 +193,7 @@ def _indices(ds: xr.Dataset) -> Table:
         if not np.isfinite(size):
             text = NONE
         elif "backlash" in str(name) and unit == "1":
-            text = share(size) if size >= 0.995 else f"{number(100 * size)} %"
+            text = f"{number(100 * size)} %"
         else:
             text = f"{number(size)} {'a day' if unit == 'd-1' else unit_in_words(unit)}".rstrip()
         rows.append([str(value.attrs.get("long_name", quantity(str(name)).text)), text])
@@ -277,3 +273,8 @@ def explanation_page(e: Explanation) -> Page:
     lines = e.text.splitlines()
     answer = [*lines[: lines.index("")], *(line for line in lines if line.startswith(_ADVICE))]
     return Page("Explanation", title, question, list(e.doubts), answer, sections, content_sha256(e.cures))
+
+
+PAGES: Mapping[type, Callable[[Any], Page]] = {
+    Fit: fit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
+}  # fmt: skip

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError
+from fastcoil.base.text import percent
 from fastcoil.deliver.figures.study import standard_figures
 from fastcoil.deliver.report.computed import cited, how, question, study_tables, versions
 from fastcoil.deliver.report.page import (
@@ -30,7 +31,6 @@ from fastcoil.deliver.report.page import (
     number,
     picked,
     picture,
-    share,
     span,
 )
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
@@ -106,7 +106,7 @@ def _against(ds: xr.Dataset, dim: str, at: int, words: str, only: str) -> Compar
             pair = one["rmse"].notnull() & base["rmse"].notnull()
             lower = (one["rmse"] < base["rmse"]) + 0.5 * (one["rmse"] == base["rmse"])
             cells += [change(middle.median), *([span(middle.low, middle.high)] if unit else [])]
-            cells += [span(middle.q05, middle.q95), share(float(lower.where(pair).mean()))]
+            cells += [span(middle.q05, middle.q95), percent(float(lower.where(pair).mean()))]
         rows.append(cells + _others(one))
     over = f"95 % interval: of the median change, over {ds.sizes[unit]} {_UNITS[unit]}.  " if unit else ""
     what = "names" if ds[dim].dtype.kind in "OUST" else "values"
@@ -147,7 +147,7 @@ def _others_head(ds: xr.Dataset) -> list[str]:
 
 def _others(one: xr.Dataset) -> list[str]:
     shown = [name for name in _HEADS if name in one]
-    return [share(float(one[n].mean())) if n == "hunts" else number(float(one[n].median())) for n in shown]
+    return [percent(float(one[n].mean())) if n == "hunts" else number(float(one[n].median())) for n in shown]
 
 
 def _label(ds: xr.Dataset, dim: str, k: int) -> str:

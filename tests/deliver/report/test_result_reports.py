@@ -112,7 +112,7 @@ def test_a_tuning_says_what_it_does_on_the_hold_out(tmp_path):
 def test_an_explanation_says_what_to_do(tmp_path):
     found = fc.explain(fc.Loop.preset("lbnl").assign(kp=0.03, ti=5), fc.paper_day(hours=2))
     text = page_of(found, tmp_path / "explanation.html")
-    assert text.index(found.text.splitlines()[0]) < text.index("The loop in one figure")
+    assert text.index(found.text.splitlines()[0]) < text.index("In one figure")
     assert "Do this: " in text
     assert all(words in text for words in found.cures["words"].values)
     done = fastcoil("explain", "lbnl", "--report", tmp_path / "lbnl.html")

@@ -14,7 +14,7 @@ from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.deliver.report import page as pictures
 from fastcoil.deliver.report import study as module
 from fastcoil.deliver.report.computed import how
-from fastcoil.deliver.report.page import Code, Section, Table, change, left_out, number, picked, setting, share, span
+from fastcoil.deliver.report.page import Code, Section, Table, change, left_out, number, picked, setting, span
 from fastcoil.deliver.report.page import Page as Made
 from fastcoil.deliver.report.study import comparisons
 
@@ -200,7 +200,6 @@ def test_numbers_shares_changes_and_settings_as_they_are_read():
     assert [change(x) for x in (-0.431, 0.004, -0.004, 1.87, math.nan)] == ["−43 %", "0 %", "0 %", "+187 %", "–"]
     assert span(-0.7, 0.2) == "−70 to +20 %"
     assert span(math.nan, 0.2) == "–"
-    assert [share(x) for x in (0.0, 0.001, 0.5, 0.999, 1.0)] == ["0 %", "< 1 %", "50 %", "> 99 %", "100 %"]
     settings = {"backlash": 0.07, "kp": 0.03, "n_volumes": 8.0, "action": "heating"}
     assert [setting(*each) for each in settings.items()] == ["7 %", "0.03 1/K", "8", "heating"]
 
