@@ -20,7 +20,7 @@ import xarray as xr
 from fastcoil.base.errors import InputError, missing_extra, nearest, shown
 from fastcoil.base.files import commit, commit_written
 from fastcoil.base.text import MINUS, NONE, written
-from fastcoil.deliver.figures.axes import BAND, FEWEST_FOR_A_BAND
+from fastcoil.deliver.figures.drawing import BAND, FEWEST_FOR_A_BAND
 from fastcoil.loops.labels import quantity, quantity_of
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
 from fastcoil.model.parameter_table import CHANCE_DIMS, RESERVED_DIMS

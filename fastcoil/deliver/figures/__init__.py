@@ -1,7 +1,7 @@
 """Figures of results.  ``fc.plot`` is this room: ``traces``, ``map``, ``bands``, ``limit_cycle``, ``learning``.
 
 These draw into one pair of axes, ``ax`` or those of a new figure as wide as a column of a journal, and return it.
-``axes`` has what all figures draw with; ``traces`` shows few scenarios over time, ``swept`` metrics over swept
+``drawing`` has what all figures draw with; ``traces`` shows few scenarios over time, ``swept`` metrics over swept
 parameters; ``study`` puts panels of a whole study into one figure, for `fastcoil run` and `fastcoil plot`; ``paper``
 has the figures of `fastcoil paper`.
 """

@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, YELLOW, apply_style
 from fastcoil.base.text import percent
-from fastcoil.deliver.figures.axes import draw_curve
+from fastcoil.deliver.figures.drawing import curve
 from fastcoil.loops.labels import quantity
 from fastcoil.study.paper.grid import BACKLASH, INTERVAL, NOISE, THREE_HOURS
 from fastcoil.study.paper.scorecard import SURELY
@@ -122,7 +122,7 @@ def estimates(ds: xr.Dataset) -> Figure:
             panel = axes[row, column]
             for k, case in enumerate(ds["case"].values):
                 values = ds[metric].sel(preset=preset, case=case)
-                draw_curve(panel, x, values, label=names[case], color=COLOURS[k], ls=LINE_STYLES[k])
+                curve(panel, x, values, label=names[case], color=COLOURS[k], ls=LINE_STYLES[k])
             panel.axvline(100.0, color="black", lw=0.8, ls=DOTTED)
         axes[row, 0].set_ylabel(label)
         axes[row, 0].set_ylim(bottom=0)

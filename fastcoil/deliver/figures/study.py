@@ -16,22 +16,7 @@ import xarray as xr
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
-from fastcoil.deliver.figures.axes import (
-    check_dim,
-    describe,
-    draw_curve,
-    draw_dots,
-    draw_map,
-    exact_in_words,
-    failed_in_words,
-    from_zero,
-    label,
-    mark_exact,
-    picked,
-    pooled_dims,
-    say_if_empty,
-    swept_axes,
-)
+from fastcoil.deliver.figures import drawing
 from fastcoil.loops.labels import is_parameter, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, metric_meant
 from fastcoil.model.parameter_table import CHANCE_DIMS
@@ -78,7 +63,7 @@ class _Sheet:
         if by in of:
             raise InputError(f"{by} is named twice: choose two different axes")
         self.ds, self.rows = ds, rows_of(ds, by)
-        self.pooled = pooled_dims(ds["status"], *of, by)
+        self.pooled = drawing.pooled_dims(ds["status"], *of, by)
         n, abreast = len(metrics), panels_abreast(width)
         rows, columns = (len(self.rows), n) if by or one_row else (-(-n // min(n, abreast)), min(n, abreast))
         if by and width is not None and n > abreast:
@@ -102,7 +87,7 @@ class _Sheet:
 
     def head(self, *marks: str, more: str = "") -> Figure:
         """Write the title of the study, what is pooled and drawn, and how much of it failed."""
-        words = describe(self.ds, self.pooled, *marks) + more + failed_in_words(self.ds)
+        words = drawing.describe(self.ds, self.pooled, *marks) + more + drawing.failed_in_words(self.ds)
         lines = [str(self.ds.attrs["title"])] if self.ds.attrs.get("title") else []
         self.figure.suptitle(wrapped("\n".join([*lines, words]), self.figure.get_figwidth(), 9))
         return self.figure
@@ -127,14 +112,14 @@ def maps(
     ``by``: a further dimension, with a row of panels for each name, or for its first, middle and last value.
     ``width``: of the figure, inches.
     """
-    swept_axes(ds["status"], x=x, y=y)
+    drawing.swept_axes(ds["status"], x=x, y=y)
     sheet = _Sheet(ds, metrics, (x, y), by, width, 3.0)
     meshes: dict[Any, list[QuadMesh]] = {}
     for axes, values, index, words, _ in sheet.panels:
         part = values if index is None else values.isel({by: index})
         of = quantity_of_values(part)
         axes.set_title(wrapped("\n".join(filter(None, [words, of.axis])), 0.8 * sheet.width, 9))
-        mesh = draw_map(axes, part, of, x, y, sheet.width)
+        mesh = drawing.median_map(axes, part, of, x, y, sheet.width)
         if mesh is not None:
             meshes.setdefault(values.name, []).append(mesh)
             sheet.figure.colorbar(mesh, ax=axes)
@@ -142,7 +127,7 @@ def maps(
         limits = [mesh.get_clim() for mesh in alike]
         for mesh in alike:
             mesh.set_clim(min(low for low, _ in limits), max(high for _, high in limits))
-    return sheet.head("Colour", "", "", more=exact_in_words(x, y))
+    return sheet.head("Colour", "", "", more=drawing.exact_in_words(x, y))
 
 
 @apply_style()
@@ -157,7 +142,7 @@ def bands(
 
     ``by``, ``width``: as of ``maps``; what ``by`` names is not pooled.
     """
-    swept_axes(ds["status"], x=x)
+    drawing.swept_axes(ds["status"], x=x)
     shared: Any = {"sharex": "col", "sharey": "col"} if by else {}
     sheet = _Sheet(ds, metrics, (x,), by, width, 2.2 if by else 2.8, **shared)
     of_x = quantity_of(ds, x)
@@ -169,16 +154,16 @@ def bands(
             part = values.isel({by: index})
             axes.set_title(wrapped(words, 0.8 * sheet.width, 9), loc="left")
             others = values.isel({by: [other for other, _ in sheet.rows if other != index]})
-            axes.plot(along, others.median(pooled_dims(others, x, by)).transpose(x, by), color=GREY, lw=0.8)
-        draw_curve(axes, along, part, label=words or None, color=BLUE)
-        label(axes, of_x.axis if lowest else "", of.axis, sheet.width)
-        mark_exact(axes, x)
+            axes.plot(along, others.median(drawing.pooled_dims(others, x, by)).transpose(x, by), color=GREY, lw=0.8)
+        drawing.curve(axes, along, part, label=words or None, color=BLUE)
+        drawing.label_axes(axes, of_x.axis if lowest else "", of.axis, sheet.width)
+        drawing.mark_exact(axes, x)
         if "relative_to" in unscaled.attrs:
             axes.axhline(0.0, color="black", lw=0.8)
-        say_if_empty(axes, values)
+        drawing.say_if_empty(axes, values)
     for alike in sheet.alike:
-        from_zero(alike, "y")
-    more = ("; grey: medians of the other rows" if by else "") + exact_in_words(x)
+        drawing.from_zero(alike, "y")
+    more = ("; grey: medians of the other rows" if by else "") + drawing.exact_in_words(x)
     return sheet.head("Line", "band", "thin lines", more=more)
 
 
@@ -200,13 +185,13 @@ def alternatives(
     for axes, values, index, words, lowest in sheet.panels:
         part = values if index is None else values.isel({by: index})
         of = quantity_of_values(part)
-        draw_dots(axes, of.factor * part, dim, BLUE)
+        drawing.dots(axes, of.factor * part, dim, BLUE)
         axes.set_title(wrapped(words, 0.9 * sheet.width, 9), loc="left")
         if lowest:
             axes.set_xlabel(wrapped(of.axis, 0.8 * sheet.width, 9))
-        say_if_empty(axes, part)
+        drawing.say_if_empty(axes, part)
     for alike in sheet.alike:
-        from_zero(alike, "x")
+        drawing.from_zero(alike, "x")
     first = sheet.panels[0].axes
     first.set_yticks(np.arange(n), [str(v) for v in ds[dim].values])
     first.set_ylim(n - 0.4, -0.6)
@@ -253,15 +238,15 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     if by is None:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
-    check_dim("by", by, dims)
+    drawing.check_dim("by", by, dims)
     labels = ds[by].values
     if labels.dtype.kind == "f" and is_parameter(ds, by):
         texts = [quantity_of(ds, by).equals(float(label)) for label in labels]
         is_plain = (labels == 0.0) & (by in ESTIMATES)
-        return [(k, f"{texts[k]}, plain PI" if is_plain[k] else texts[k]) for k in picked(labels.size)]
+        return [(k, f"{texts[k]}, plain PI" if is_plain[k] else texts[k]) for k in drawing.picked(labels.size)]
     if labels.dtype.kind in "if":
-        return [(k, f"{by} = {labels[k]}") for k in picked(labels.size)]
-    chosen = range(labels.size) if labels.size <= _MOST_ROWS else picked(labels.size)
+        return [(k, f"{by} = {labels[k]}") for k in drawing.picked(labels.size)]
+    chosen = range(labels.size) if labels.size <= _MOST_ROWS else drawing.picked(labels.size)
     return [(k, str(labels[k])) for k in chosen]
 
 

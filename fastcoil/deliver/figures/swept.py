@@ -11,25 +11,7 @@ from fastcoil.base.arguments import checking, text_of
 from fastcoil.base.errors import InputError, WrongType
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, STYLE, wrapped
-from fastcoil.deliver.figures.axes import (
-    caption,
-    check_dim,
-    describe,
-    draw_curve,
-    draw_map,
-    exact_in_words,
-    failed_in_words,
-    from_zero,
-    in_style,
-    label,
-    mark_exact,
-    picked,
-    places,
-    pooled_dims,
-    say_if_empty,
-    swept_axes,
-    width_of,
-)
+from fastcoil.deliver.figures import drawing
 from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import label_in_words, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, metric_meant
@@ -46,7 +28,7 @@ _DEFAULT = "rmse"
 _DARK = 0.55  # share of the scale of colours up to which white letters are read best
 
 
-@in_style()
+@drawing.in_style()
 def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Axes:
     """Draw a metric over two swept parameters as colours: the median over all other dims.
 
@@ -71,22 +53,22 @@ def map(data: Any, metric: str | None = None, *, x: str | None = None, y: str | 
         With one sentence for each mistake.
     """
     values, failed = _values_of(data, metric, x=x, y=y)
-    y, x = swept_axes(values, y=y, x=x)
-    (axes,) = places(ax, [_HEIGHT])
-    width, of = width_of(axes, ax), quantity_of_values(values)
-    mesh = draw_map(axes, values, of, x, y, width)
+    y, x = drawing.swept_axes(values, y=y, x=x)
+    (axes,) = drawing.places(ax, [_HEIGHT])
+    width, of = drawing.width_of(axes, ax), quantity_of_values(values)
+    mesh = drawing.median_map(axes, values, of, x, y, width)
     if mesh is not None:
         scale = axes.figure.colorbar(mesh, ax=axes)
         scale.set_label(wrapped(of.axis, 2.0, 9))
         scale.ax.tick_params(labelsize=STYLE["font.size"])
-        shown = of.factor * values.median(pooled_dims(values, x, y)).transpose(y, x)
+        shown = of.factor * values.median(drawing.pooled_dims(values, x, y)).transpose(y, x)
         _write_numbers(axes, mesh, shown, (quantity_of(values, y).factor, quantity_of(values, x).factor))
-    words = describe(values, pooled_dims(values, x, y), "Colour", "", "")
-    _caption(axes, words, exact_in_words(x, y) + failed, width)
+    words = drawing.describe(values, drawing.pooled_dims(values, x, y), "Colour", "", "")
+    _caption(axes, words, drawing.exact_in_words(x, y) + failed, width)
     return axes
 
 
-@in_style()
+@drawing.in_style()
 def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str | None = None, ax: Any = None) -> Axes:
     """Draw a metric along a swept parameter: the median over all other dims, with a band from 10 to 90 %.
 
@@ -114,25 +96,25 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     """
     values, failed = _values_of(data, metric, x=x, by=by)
     if by is not None:
-        check_dim("by", by, [str(d) for d in values.dims])
-    (x,) = swept_axes(values.isel({by: 0}, drop=True) if by else values, x=x)
-    (axes,) = places(ax, [_HEIGHT])
-    width, of, of_x = width_of(axes, ax), quantity_of_values(values), quantity_of(values, x)
+        drawing.check_dim("by", by, [str(d) for d in values.dims])
+    (x,) = drawing.swept_axes(values.isel({by: 0}, drop=True) if by else values, x=x)
+    (axes,) = drawing.places(ax, [_HEIGHT])
+    width, of, of_x = drawing.width_of(axes, ax), quantity_of_values(values), quantity_of(values, x)
     along, scaled = of_x.factor * values[x], of.factor * values
     if by is None:
-        draw_curve(axes, along, scaled, color=BLUE)
+        drawing.curve(axes, along, scaled, color=BLUE)
     else:
-        for k, index in enumerate(picked(values.sizes[by])):
+        for k, index in enumerate(drawing.picked(values.sizes[by])):
             words = label_in_words(values, by, index)
-            draw_curve(axes, along, scaled.isel({by: index}), label=words, color=COLOURS[k], ls=LINE_STYLES[k])
+            drawing.curve(axes, along, scaled.isel({by: index}), label=words, color=COLOURS[k], ls=LINE_STYLES[k])
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
-    label(axes, of_x.axis, of.axis, width)
-    mark_exact(axes, x)
-    say_if_empty(axes, scaled)
-    from_zero([axes], "y")
+    drawing.label_axes(axes, of_x.axis, of.axis, width)
+    drawing.mark_exact(axes, x)
+    drawing.say_if_empty(axes, scaled)
+    drawing.from_zero([axes], "y")
     axes.margins(x=0.0)
-    words = describe(values, pooled_dims(values, x, by), "Line", "band", "thin lines")
-    _caption(axes, words, exact_in_words(x) + failed, width)
+    words = drawing.describe(values, drawing.pooled_dims(values, x, by), "Line", "band", "thin lines")
+    _caption(axes, words, drawing.exact_in_words(x) + failed, width)
     return axes
 
 
@@ -158,7 +140,7 @@ def _values_of(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
     if name not in numbers:
         near = metric_meant(name) if name not in METRICS else ""
         raise InputError(f"metric = {quoted(name)} is none of this result{near}; it has {', '.join(numbers)}")
-    return ds[name], failed_in_words(ds)
+    return ds[name], drawing.failed_in_words(ds)
 
 
 def _write_numbers(axes: Axes, mesh: QuadMesh, values: xr.DataArray, factors: tuple[float, float]) -> None:
@@ -179,4 +161,4 @@ def _write_numbers(axes: Axes, mesh: QuadMesh, values: xr.DataArray, factors: tu
 def _caption(axes: Axes, words: str, more: str, width: float) -> None:
     """What is pooled, and what the marks are; a single scenario needs neither."""
     if more or not words.endswith(": a single scenario"):
-        caption(axes, words + more, width)
+        drawing.caption(axes, words + more, width)

@@ -15,7 +15,7 @@ from fastcoil.base.arguments import checking, instance_of, names_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, STYLE, YELLOW, wrapped
-from fastcoil.deliver.figures.axes import caption, in_style, legend_above, places, say_if_empty, width_of
+from fastcoil.deliver.figures.drawing import caption, in_style, legend_above, places, say_if_empty, width_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import is_parameter, label_in_words, quantity, quantity_of

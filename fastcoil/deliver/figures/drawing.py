@@ -139,13 +139,13 @@ def pooled_dims(values: xr.DataArray, *shown: str | None) -> list[str]:
     return [str(d) for d in values.dims if d not in shown]
 
 
-def draw_map(axes: Axes, values: xr.DataArray, of: Quantity, x: str, y: str, width: float) -> QuadMesh | None:
+def median_map(axes: Axes, values: xr.DataArray, of: Quantity, x: str, y: str, width: float) -> QuadMesh | None:
     """Draw the median of ``values`` over all dims but ``x`` and ``y`` as colours, in the unit of ``of``.
 
     width: of the panel, inches.  Returns the colours, for a scale beside them; None where no value is finite.
     """
     of_x, of_y = quantity_of(values, x), quantity_of(values, y)
-    label(axes, of_x.axis, of_y.axis, width)
+    label_axes(axes, of_x.axis, of_y.axis, width)
     middle = of.factor * values.median(pooled_dims(values, x, y)).transpose(y, x)
     if say_if_empty(axes, middle):
         return None
@@ -157,7 +157,7 @@ def draw_map(axes: Axes, values: xr.DataArray, of: Quantity, x: str, y: str, wid
     return mesh
 
 
-def label(axes: Axes, x: str, y: str, width: float) -> None:
+def label_axes(axes: Axes, x: str, y: str, width: float) -> None:
     """Name both axes; an empty name leaves one as it is."""
     if x:
         axes.set_xlabel(wrapped(x, 0.8 * width, _LETTERS))
@@ -221,7 +221,7 @@ def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | Non
     return None, values.transpose(dim, ...).values.reshape(values.sizes[dim], -1) if pooled else None
 
 
-def draw_curve(axes: Axes, x: xr.DataArray, values: xr.DataArray, *, label: str | None = None, **look: Any) -> None:
+def curve(axes: Axes, x: xr.DataArray, values: xr.DataArray, *, label: str | None = None, **look: Any) -> None:
     """Draw the median of ``values`` over all dims but that of ``x``, with a band, or with a thin line per member."""
     dim = str(x.dims[0])
     band, members = _band_or_members(values, dim)
@@ -232,7 +232,7 @@ def draw_curve(axes: Axes, x: xr.DataArray, values: xr.DataArray, *, label: str 
     axes.plot(x, values.median(pooled_dims(values, dim)), label=label, **look)
 
 
-def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
+def dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
     """Draw the medians of ``values`` along ``dim`` as dots, with a line from 10 to 90 % or a small dot per member."""
     rows = np.arange(values.sizes[dim])
     band, members = _band_or_members(values, dim)
