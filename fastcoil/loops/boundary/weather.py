@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from fastcoil.logs.pieces import MOST_SECONDS
 from fastcoil.loops.boundary.conditions import condition_of, days_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values
-from fastcoil.loops.boundary.weather_files import dates_at, read_weather, warn_of_hours
+from fastcoil.loops.boundary.weather_files import read_weather, warn_of_hours
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 
@@ -77,19 +78,28 @@ def weather_day(
         RH_return = check.unless_none(condition_of, "RH_return", RH_return)
         W_return = check.unless_none(condition_of, "W_return", W_return)
         pressure = check.unless_none(condition_of, "pressure", pressure)
-        start_hour = check.unless_none(_whole, "start_hour", start_hour, 1, 8784)
-        month = check.unless_none(_whole, "month", month, 1, 12)
-        day = check.unless_none(_whole, "day", day, 1, 31)
-        hour = check.unless_none(_whole, "hour", hour, 0, 24)
+        bounds = {"start_hour": (1, 8784), "month": (1, 12), "day": (1, 31), "hour": (0, 24)}
+        given = {"start_hour": start_hour, "month": month, "day": day, "hour": hour}
+        date: dict[str, Any] = {
+            name: check.unless_none(whole_of, name, value, *bounds[name]) for name, value in given.items()
+        }
         check(require_mappings, columns=columns, units=units)
-        days = check.unless_none(days_of, "days", days)
+        date["days"] = check.unless_none(days_of, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
     file = read_weather(path, columns, units, pressure)
     weather = file.series
     p = file.pressure(pressure)
     W_hourly = file.humidity(p)
-    starts = _start_hours(weather, path.name, n_steps, start_hour, month, day, hour, days)
+    starts = _start_hours(weather, path.name, date)
+    low, high = weather["hour_of_year"][[0, -1]]
+    for start in starts:
+        end = start + (n_steps - 1) / 3600
+        if start < low or end > high:
+            raise InputError(
+                f"{path.name} holds hours of the year {low:g} to {high:g}, not {start:g} to {end:g}: "
+                "start elsewhere, or take fewer hours"
+            )
     if starts.size * n_steps > MOST_SECONDS:
         raise InputError(
             f"days: {starts.size} days of {n_steps:,} s each: give {MOST_SECONDS:,} s in all, fewer days or hours"
@@ -103,58 +113,36 @@ def weather_day(
     T_a_in, W_a_in = mix(outdoor_fraction, T_out, W_out, T_return, W_back)
     warn_of_hours(file)
     rows = slice(None) if days is not None else 0
-    begins = dates_at(starts, weather)
+    begins = file.dates_at(starts)
     return Boundary(
-        m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=days,
+        m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=date["days"],
         start=None if begins is None else begins[rows], time_zone=file.time_zone,
     )  # fmt: skip
 
 
-def _start_hours(
-    weather: Mapping[str, Array],
-    file: str,
-    n_steps: int,
-    start_hour: int | None,
-    month: int | None,
-    day: int | None,
-    hour: int | None,
-    days: Sequence[int] | None,
-) -> Array:
+def _start_hours(weather: Mapping[str, Array], file: str, date: Mapping[str, Any]) -> Array:
     """Hours of the year at which the days start, (n_days,)."""
+    start_hour, days, hour = date["start_hour"], date["days"], date["hour"]
+    of_row = {name: date[name] for name in ("month", "day", "hour")}
     ways = {
         "start_hour": start_hour is not None,
-        "month, day and hour": month is not None or day is not None,
+        "month, day and hour": date["month"] is not None or date["day"] is not None,
         "days and hour": days is not None,
     }
     if sum(ways.values()) != 1 or (start_hour is not None and hour is not None):
         given = [way for way, is_given in ways.items() if is_given]
         raise InputError(f"the start is given as {given}: give start_hour, or month, day, hour, or days and hour")
-    date = {"month": month, "day": day, "hour": hour}
     if start_hour is not None:
-        starts = [start_hour]
-    elif days is not None and hour is not None:
-        starts = [24 * (one - 1) + hour for one in days]
-    elif missing := [name for name in date if date[name] is None and (name == "hour" or days is None)]:
+        return np.array([start_hour], dtype=np.float64)
+    missing = [name for name, value in of_row.items() if value is None and (name == "hour" or days is None)]
+    if missing:
         raise InputError(f"{' and '.join(missing)} missing: give month, day and hour, or days and hour")
-    else:
-        absent = [name for name in date if name not in weather]
-        if absent:
-            raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
-        rows = np.flatnonzero(np.all([weather[name] == value for name, value in date.items()], axis=0))
-        if rows.size != 1:
-            wanted = ", ".join(f"{name} {value}" for name, value in date.items())
-            raise InputError(f"{file} has {rows.size} rows for {wanted}: give one of the file's own dates")
-        starts = [int(weather["hour_of_year"][rows[0]])]
-    low, high = weather["hour_of_year"][[0, -1]]
-    for start in starts:
-        end = start + (n_steps - 1) / 3600
-        if start < low or end > high:
-            raise InputError(
-                f"{file} holds hours of the year {low:g} to {high:g}, not {start} to {end:g}: "
-                "start elsewhere, or take fewer hours"
-            )
-    return np.array(starts, dtype=np.float64)
-
-
-def _whole(name: str, value: object, low: int, high: int) -> int:
-    return whole_of(name, value, low, high, f"give a whole number from {low} to {high}")
+    if days is not None:
+        return np.array([24 * (one - 1) + hour for one in days], dtype=np.float64)
+    if absent := [name for name in of_row if name not in weather]:
+        raise InputError(f"{file} has no column {', '.join(absent)}: name it, or give start_hour")
+    rows = np.flatnonzero(np.all([weather[name] == value for name, value in of_row.items()], axis=0))
+    if rows.size != 1:
+        wanted = ", ".join(f"{name} {value}" for name, value in of_row.items())
+        raise InputError(f"{file} has {rows.size} rows for {wanted}: give one of the file's own dates")
+    return weather["hour_of_year"][rows]
