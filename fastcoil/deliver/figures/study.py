@@ -17,7 +17,7 @@ from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
 from fastcoil.deliver.figures import drawing
-from fastcoil.loops.labels import is_parameter, quantity_of, quantity_of_values
+from fastcoil.loops.labels import label_in_words, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, metric_meant
 from fastcoil.model.parameter_table import CHANCE_DIMS
 from fastcoil.study.analysis.selected import numeric_dims
@@ -100,13 +100,9 @@ def panels_abreast(width: float | None) -> int:
 
 @apply_style()
 def maps(
-    ds: xr.Dataset,
-    x: str,
-    y: str,
-    metrics: Sequence[str] = STANDARD_METRICS,
-    by: str | None = None,
+    ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRICS, by: str | None = None,
     width: float | None = None,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """Metrics over two swept parameters, one panel each: the median over all other dimensions.
 
     ``by``: a further dimension, with a row of panels for each name, or for its first, middle and last value.
@@ -132,11 +128,7 @@ def maps(
 
 @apply_style()
 def bands(
-    ds: xr.Dataset,
-    x: str,
-    by: str | None = None,
-    metrics: Sequence[str] = STANDARD_METRICS,
-    width: float | None = None,
+    ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS, width: float | None = None
 ) -> Figure:
     """Metrics along a swept parameter: median and 10–90 % band, or single lines, over all other dims.
 
@@ -169,12 +161,9 @@ def bands(
 
 @apply_style()
 def alternatives(
-    ds: xr.Dataset,
-    dim: str,
-    metrics: Sequence[str] = STANDARD_METRICS,
-    by: str | None = None,
+    ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_METRICS, by: str | None = None,
     width: float | None = None,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """Metrics of named alternatives: median and 10–90 % range, or single dots, over all other dims.
 
     ``by``, ``width``: as of ``bands``.
@@ -239,15 +228,11 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
     drawing.check_dim("by", by, dims)
-    labels = ds[by].values
-    if labels.dtype.kind == "f" and is_parameter(ds, by):
-        texts = [quantity_of(ds, by).equals(float(label)) for label in labels]
-        is_plain = (labels == 0.0) & (by in ESTIMATES)
-        return [(k, f"{texts[k]}, plain PI" if is_plain[k] else texts[k]) for k in drawing.picked(labels.size)]
-    if labels.dtype.kind in "if":
-        return [(k, f"{by} = {labels[k]}") for k in drawing.picked(labels.size)]
-    chosen = range(labels.size) if labels.size <= _MOST_ROWS else drawing.picked(labels.size)
-    return [(k, str(labels[k])) for k in chosen]
+    n, values = ds.sizes[by], ds[by].values
+    is_named = values.dtype.kind not in "if"
+    chosen = range(n) if is_named and n <= _MOST_ROWS else drawing.picked(n)
+    is_plain = (values == 0.0) & (by in ESTIMATES)
+    return [(k, label_in_words(ds, by, k) + (", plain PI" if is_plain[k] else "")) for k in chosen]
 
 
 def control_dims(ds: xr.Dataset) -> list[str]:

@@ -14,10 +14,10 @@ from fastcoil.base.machine import package_version
 from fastcoil.base.text import NONE
 from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
 from fastcoil.deliver.tables import escaped
-from fastcoil.loops.labels import is_parameter, quantity_of
+from fastcoil.loops.labels import quantity_of
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
-from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
+from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.file.tables import parse_toml
 
 _FEW = 6  # labels that are listed one by one
@@ -88,28 +88,6 @@ def here() -> Section:
     found = [f"{package} {number}" for package, number in package_versions().items() if number != ABSENT]
     pairs = [("fastcoil", package_version()), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
     return Section("Versions", [facts(*pairs)])
-
-
-def question(ds: xr.Dataset) -> str:
-    """The question of a study, or a sentence on what it sweeps."""
-    asked = str(ds.attrs.get("summary", "")).strip()
-    if asked:
-        return asked
-    varied = [_varied(ds, str(dim)) for dim in ds["status"].dims if ds.sizes[dim] > 1]
-    if not varied:
-        return "How does this one loop behave on this one day?"
-    *others, last = varied
-    listed = f"{', '.join(others)} and {last}" if others else last
-    return f"How large are control error, hunting and motor travel over {listed}?"
-
-
-def _varied(ds: xr.Dataset, dim: str) -> str:
-    size = ds.sizes[dim]
-    if dim in RESERVED_DIMS:
-        return f"{size:,} {'drawn valves' if dim == 'sample' else dim + 's'}"
-    if dim in ds.coords and is_parameter(ds, dim) and ds[dim].dtype.kind in "if":
-        return f"{quantity_of(ds, dim).text} from {_range(ds, dim)}"
-    return f"{size:,} alternatives of {dim.replace('_', ' ')}"
 
 
 def _range(ds: xr.Dataset, name: str) -> str:

@@ -17,7 +17,7 @@ import xarray as xr
 from fastcoil.base.errors import FastcoilError
 from fastcoil.base.text import percent
 from fastcoil.deliver.figures.study import standard_figures
-from fastcoil.deliver.report.computed import cited, how, question, study_tables, versions
+from fastcoil.deliver.report.computed import cited, how, study_tables, versions
 from fastcoil.deliver.report.page import (
     MOST_ROWS,
     Block,
@@ -222,7 +222,15 @@ def study_page(folder: Path) -> Page:
     toml = str(ds.attrs.get("study_toml", ""))
     sections += [how(ds), versions(ds), Section("The study file", [Code(toml)] if toml.strip() else [])]
     sections += [_again(folder, ds), cited(ds)]
-    return Page("Study", title, question(ds), warnings, answer, sections, str(ds.attrs["content_sha256"]))
+    return Page(
+        "Study",
+        title,
+        str(ds.attrs.get("summary", "")).strip(),
+        warnings,
+        answer,
+        sections,
+        str(ds.attrs["content_sha256"]),
+    )
 
 
 def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
