@@ -34,17 +34,14 @@ class Clock(NamedTuple):
 
 
 def clock_of(start: Any, time_zone: Any, n_days: int, n_steps: int) -> Clock:
-    """The clock of a boundary; one start is that of the first of consecutive days of 24 h.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake.
-    """
+    """The clock of a boundary; one start is that of the first of consecutive days of 24 h."""
     zone = time_zone_of("time_zone", time_zone)
     if start is None:
         return Clock(None, zone)
-    times = [_time_of(one) for one in _listed(start)]
+    if hasattr(start, "values"):  # of xarray or pandas
+        start = start.values
+    several = start if isinstance(start, (list, tuple, np.ndarray)) and np.ndim(start) else [start]
+    times = [_time_of(one[()] if isinstance(one, np.ndarray) else one) for one in several]
     if len(times) not in (1, n_days):
         raise InputError(f"start has {len(times)} times for {n_days} days: {_CURE}")
     zone = _zone_of(times, zone)
@@ -92,20 +89,6 @@ def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
     return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
 
 
-def _listed(start: Any) -> list[Any]:
-    """One start or several, as a list; a DataArray or a pandas index by its values."""
-    if type(start).__module__.partition(".")[0] in ("xarray", "pandas") and not isinstance(start, datetime):
-        start = start.values
-    if isinstance(start, np.ndarray) and start.dtype.kind in "MO":
-        return list(np.atleast_1d(start))
-    if isinstance(start, (str, date, np.datetime64)):
-        return [start]
-    try:
-        return list(start)
-    except TypeError:
-        raise InputError(WrongType(f"start = {shown(start)}: {_CURE}")) from None
-
-
 def _time_of(value: Any) -> datetime:
     if not isinstance(value, (str, date, np.datetime64)):
         raise InputError(WrongType(f"start = {shown(value)}: {_CURE}"))
@@ -124,21 +107,19 @@ def _time_of(value: Any) -> datetime:
 
 def _zone_of(times: list[datetime], zone: str) -> str:
     """The zone, from the offsets that the times themselves have if it is not given."""
-    offsets = [time.utcoffset() for time in times]
-    if all(offset is None for offset in offsets):
+    offsets = {time.utcoffset() for time in times}
+    if offsets == {None}:
         return zone
-    if any(offset is None for offset in offsets):
+    if None in offsets:
         raise InputError("start: some times have a UTC offset and some have none: write all alike")
-    if zone:
-        for time, offset in zip(times, offsets, strict=True):
-            if offset_of(zone, time.replace(tzinfo=None)) not in (None, offset):
-                raise InputError(
-                    f"start = {shown(str(time))} has another UTC offset than {zone} at that time: give local times"
-                )
-        return zone
+    for time in times if zone else []:
+        if offset_of(zone, time.replace(tzinfo=None)) not in (None, time.utcoffset()):
+            raise InputError(
+                f"start = {shown(str(time))} has another UTC offset than {zone} at that time: give local times"
+            )
     names = {getattr(time.tzinfo, "key", None) for time in times}
-    if len(names) == 1 and (name := names.pop()):
-        return time_zone_of("the time zone of start", name)
-    if len(set(offsets)) > 1:
+    if zone or (len(names) == 1 and None not in names):
+        return zone or time_zone_of("the time zone of start", names.pop())
+    if len(offsets) > 1:
         raise InputError("start has times of different UTC offsets: give local times, and time_zone")
-    return offset_text(round(cast(timedelta, offsets[0]).total_seconds() / 60))
+    return offset_text(round(cast(timedelta, offsets.pop()).total_seconds() / 60))

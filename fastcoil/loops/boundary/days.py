@@ -25,7 +25,7 @@ class Drift(NamedTuple):
     tau: int
 
 
-def drifts_of(drifts: Mapping[str, Drift], seeds: Sequence[int], n_steps: int) -> dict[str, Array]:
+def _drifts_of(drifts: Mapping[str, Drift], seeds: Sequence[int], n_steps: int) -> dict[str, Array]:
     """Noise of each signal, (n_days, n_steps), a day for each seed; the order of the signals numbers their streams."""
     return {
         name: np.array([smooth_noise(n_steps, drift, (seed, i)) for seed in seeds])
@@ -91,28 +91,28 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     """
     with checking() as check:
         n_steps = check(whole_seconds, hours)
-        seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
     h = np.arange(n_steps) / 3600
-    D, noise = swing(h), drifts_of(DRIFTS, seeds, n_steps)
+    D, noise = _swing(h), _drifts_of(DRIFTS, seeds, n_steps)
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
     W_a_in = humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])
     T_w_in = 7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
     m_a = 1.15 + 0.18 * D + noise["m_a"]
-    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=stepped_set_point(n_steps), day=seeds)
+    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=_stepped_set_point(n_steps), day=seeds)
     return days.isel(0) if isinstance(plain(seed), int) else days
 
 
-def swing(h: Array) -> Array:
+def _swing(h: Array) -> Array:
     """The slow swing D of a day at hours from its start, (n_steps,): a sine up to hour 8, mirrored every 8 h."""
     return np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0))
 
 
-def stepped_set_point(n_steps: int) -> Array:
+def _stepped_set_point(n_steps: int) -> Array:
     """The set-points of `SET_POINTS` one after the other [degC], (n_steps,)."""
     return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
 
 
-def distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
+def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
     """The seeds of days of ``n_steps``: whole numbers, each once, of as many days as fit into memory."""
     seed = plain(seed)
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
@@ -252,22 +252,17 @@ def design_day(
     pressure
         Barometric pressure [Pa].
     """
-    given = {
-        "T_design": T_design,
-        "T_daily_range": T_daily_range,
-        "T_wet_bulb": T_wet_bulb,
-        "T_return": T_return,
-        "RH_return": RH_return,
-    }
+    given = {name: value for name, value in locals().items() if name in Design._fields and value is not None}
     with checking() as check:
         mode = check(choice_of, "mode", mode, DESIGNS)
         n_steps = check(whole_seconds, hours)
         start_hour = check(condition_of, "start_hour", start_hour)
-        given = {name: check.unless_none(condition_of, name, value) for name, value in given.items()}
+        given |= {
+            name: check(condition_of, name, value) for name, value in given.items() if name not in BOUNDARY_SERIES
+        }
         outdoor_fraction = check(condition_of, "outdoor_fraction", outdoor_fraction)
         pressure = check(condition_of, "pressure", pressure)
-    series = {"T_w_in": T_w_in, "T_set": T_set}
-    d = DESIGNS[mode]._replace(**{name: value for name, value in (given | series).items() if value is not None})
+    d = DESIGNS[mode]._replace(**given)
     wet_bulb = d.T_design if d.T_wet_bulb is None else d.T_wet_bulb
     if wet_bulb > d.T_design:
         raise InputError(f"T_wet_bulb = {wet_bulb:g} degC is above T_design = {d.T_design:g} degC: lower it")
@@ -309,13 +304,13 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
     """
     with checking() as check:
         n_steps = check(whole_seconds, hours)
-        seeds = check(distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
         T_w_mean = check(condition_of, "T_w_in", T_w_in)
     h = np.arange(n_steps) / 3600
-    D, noise = swing(h), drifts_of(HEATING_DRIFTS, seeds, n_steps)
+    D, noise = _swing(h), _drifts_of(HEATING_DRIFTS, seeds, n_steps)
     m_a = 0.9 + 0.2 * D + noise["m_a"]
     T_a_in = 12.0 + 2.0 * D + noise["T_a_in"]
     T_water = T_w_mean + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
-    T_set = stepped_set_point(n_steps) + WARMER
+    T_set = _stepped_set_point(n_steps) + WARMER
     days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_IN, T_w_in=T_water, T_set=T_set, day=seeds)
     return days.isel(0) if isinstance(plain(seed), int) else days
