@@ -24,19 +24,15 @@ def test_rules_are_what_they_say(rule, short):
 
 def test_rules_see_what_happens(short):
     """Every field of the sample is used: one that were wrong would show."""
+    for kind in (fc.estimator, fc.law):
 
-    @fc.estimator(Parameters, Memory)
-    def all_fields(now, p, memory):
-        seen = now.t / 1e4 + now.T_set / 20 + now.m_a + now.T / 20 + now.e + now.u + now.command + now.mode
-        return abs(seen + now.switches / 10 + now.estimate + memory.integral) % 1.0, Memory(seen)
+        @kind(Parameters, Memory)
+        def all_fields(now, p, memory):
+            seen = now.t / 1e4 + now.T_set / 20 + now.m_a + now.T / 20 + now.e + now.u + now.command + now.mode
+            return abs(seen + now.switches / 10 + now.estimate + memory.integral) % 1.0, Memory(seen)
 
-    @fc.law(Parameters, Memory)
-    def all_of_them(now, p, memory):
-        seen = now.t / 1e4 + now.T_set / 20 + now.m_a + now.T / 20 + now.e + now.u + now.command + now.mode
-        return abs(seen + now.switches / 10 + now.estimate + memory.integral) % 1.0, Memory(seen)
-
-    assert fc.check_rule(all_fields, fc.Loop(noise_std=0.02), short) < 1e-9
-    assert fc.check_rule(all_of_them, fc.Loop(noise_std=0.02, estimator=all_fields), short) < 1e-9
+        loop = fc.Loop(noise_std=0.02) if kind is fc.estimator else fc.Loop(noise_std=0.02, estimator=by_error)
+        assert fc.check_rule(all_fields, loop, short) < 1e-9
 
 
 def test_the_first_sample_at_which_they_differ_is_named(short):
@@ -76,18 +72,15 @@ def test_a_loop_that_fails_and_calls_that_are_wrong(short, monkeypatch):
 
 
 def test_python_is_called_before_anything_is_compiled(short, monkeypatch):
-    @fc.estimator(Parameters, Memory)
-    def past_the_end(now, p, memory):
-        return (0.1, 0.2)[2 + int(now.t)], memory
-
-    @fc.law(Parameters, Memory)
-    def past_its_end(now, p, memory):
-        return (0.1, 0.2)[2 + int(now.t)], memory
-
     monkeypatch.setattr("fastcoil.model.user_rules.Rule.check", lambda rule: pytest.fail("it was compiled"))
-    for rule, t in ((past_the_end, 30), (past_its_end, 0)):
+    for kind, t in ((fc.estimator, 30), (fc.law, 0)):
+
+        @kind(Parameters, Memory)
+        def past_the_end(now, p, memory):
+            return (0.1, 0.2)[2 + int(now.t)], memory
+
         with pytest.raises(fc.InputError, match=f"raises IndexError in plain Python at t = {t} s"):
-            fc.check_rule(rule, None, short)
+            fc.check_rule(past_the_end, None, short)
 
 
 TABLE = tuple(0.01 * k for k in range(100))

@@ -150,36 +150,28 @@ def test_the_interval_of_a_median_holds_the_true_one_as_often_as_it_says():
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("changed", "given", "words"),
     [
-        ({"heat": None}, "heat is missing: give it, or a table [tariff]"),
-        ({"electricity": -0.1}, "electricity = -0.1: give the price of a kWh"),
-        ({"demand": "12"}, "demand = '12': give the monthly price"),
-        ({"cop": 0.0}, "cop = 0.0: give the coefficient of performance"),
-        ({"currency": " "}, "currency = ' ': give its name"),
-        ({"electric_heat": 1}, "electric_heat = 1: give True or False"),
-    ],
-)
-def test_a_price_that_cannot_be_is_refused(given, words):
-    (sentence,) = problems(fc.cost, result(3), **(PRICES | given))
-    assert words in sentence
-
-
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
+        (None, {"heat": None}, "heat is missing: give it, or a table [tariff]"),
+        (None, {"electricity": -0.1}, "electricity = -0.1: give the price of a kWh"),
+        (None, {"demand": "12"}, "demand = '12': give the monthly price"),
+        (None, {"cop": 0.0}, "cop = 0.0: give the coefficient of performance"),
+        (None, {"currency": " "}, "currency = ' ': give its name"),
+        (None, {"electric_heat": 1}, "electric_heat = 1: give True or False"),
         (
             lambda ds: ds.drop_vars(["reheat_energy", "recool_energy"]),
-            "ds has no reheat_energy, recool_energy: keep all",
+            {},
+            "ds has no reheat_energy, recool_energy: keep",
         ),
-        (lambda ds: ds.assign_coords(start=("day", [1, 2, 3])), "start has something else than a date"),
-        (lambda ds: ds.assign(status=ds.status.max("day")), "over other dims than status"),
-        (lambda ds: ds.expand_dims(month=["a", "b"]), "ds has a dimension or coordinate month"),
-        (lambda ds: ds.isel(day=[]), "ds has nothing along day: choose a label at least"),
+        (lambda ds: ds.assign_coords(start=("day", [1, 2, 3])), {}, "start has something else than a date"),
+        (lambda ds: ds.assign(status=ds.status.max("day")), {}, "over other dims than status"),
+        (lambda ds: ds.expand_dims(month=["a", "b"]), {}, "ds has a dimension or coordinate month"),
+        (lambda ds: ds.isel(day=[]), {}, "ds has nothing along day: choose a label at least"),
     ],
 )
-def test_a_result_without_energy_or_with_odd_dates_is_refused(changed, words):
-    (sentence,) = problems(fc.cost, changed(result(3)), **PRICES)
+def test_a_price_that_cannot_be_and_a_result_that_cannot_be_billed_are_refused(changed, given, words):
+    ds = result(3) if changed is None else changed(result(3))
+    (sentence,) = problems(fc.cost, ds, **(PRICES | given))
     assert words in sentence
 
 

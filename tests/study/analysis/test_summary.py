@@ -24,13 +24,10 @@ TUNINGS = {
 
 def errors(**rmse):
     """Errors of plain PIs over two backlashes, by tuning."""
-    names = list(rmse)
-    kp, ti, band = zip(*(TUNINGS[name] for name in names), strict=True)
-    return xr.Dataset(
-        {"rmse": (("tuning", "backlash"), list(rmse.values()))},
-        coords={"tuning": names, "backlash": [0.02, 0.1], "kp": ("tuning", list(kp)), "ti": ("tuning", list(ti)),
-                "error_dead_band": ("tuning", list(band))},
-    )  # fmt: skip
+    values = zip(*(TUNINGS[name] for name in rmse), strict=True)
+    coords = {n: ("tuning", list(v)) for n, v in zip(("kp", "ti", "error_dead_band"), values, strict=True)}
+    found = xr.Dataset({"rmse": (("tuning", "backlash"), list(rmse.values()))}, {"backlash": [0.02, 0.1], **coords})
+    return found.assign_coords(tuning=list(rmse))
 
 
 def test_the_best_plain_pi_is_lowest_over_everything_relative_to_the_best_of_each_plant():

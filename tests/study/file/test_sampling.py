@@ -125,9 +125,7 @@ def test_values_lie_strictly_inside_even_at_the_ends_of_the_unit_cube(kind, shar
     assert value == pytest.approx(end, abs=2e-5)
     assert value < end if share else value > end
     assert draw(size=1, sample_time={"choice": [5, 10]})["sample_time"] == [10 if share else 5]
-    assert draw(size=1, ti={"uniform": [0.0, 1.0]})["ti"] >= 2.0**-32, (
-        "not a number next to 0 that nothing can divide by"
-    )
+    assert draw(size=1, ti={"uniform": [0.0, 1.0]})["ti"] >= 2.0**-32, "not a number that nothing can divide by"
 
 
 def test_values_lie_strictly_inside_a_range_of_three_numbers():
@@ -136,13 +134,8 @@ def test_values_lie_strictly_inside_a_range_of_three_numbers():
 
 
 def test_a_choice_is_of_equally_likely_numbers_or_words():
-    drawn = draw(
-        "sobol",
-        64,
-        sample_time={"choice": [5, 10, 30, 60]},
-        action={"choice": ["cooling", "heating"]},
-        kp={"choice": [0.01]},
-    )
+    times, words = {"choice": [5, 10, 30, 60]}, {"choice": ["cooling", "heating"]}
+    drawn = draw("sobol", 64, sample_time=times, action=words, kp={"choice": [0.01]})
     assert {v: int((drawn["sample_time"] == v).sum()) for v in (5, 10, 30, 60)} == {5: 16, 10: 16, 30: 16, 60: 16}
     assert {v: int((drawn["action"] == v).sum()) for v in ("cooling", "heating")} == {"cooling": 32, "heating": 32}
     assert (drawn["kp"] == 0.01).all()
