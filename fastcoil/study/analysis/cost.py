@@ -7,7 +7,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -76,38 +76,29 @@ def _currency_of(value: object) -> str:
     return text
 
 
-class Months(NamedTuple):
-    """Billing months: labels, the positions of each month's days, their number, and their share of a whole month."""
-
-    labels: np.ndarray
-    days: list[np.ndarray]
-    n_days: np.ndarray
-    share: np.ndarray
-
-    @property
-    def years(self) -> float:
-        """Length of the sequence in years of twelve months."""
-        return math.fsum(self.share) / 12.0
-
-
-def billing_months(n_days: int, start: np.ndarray | None) -> Months:
-    """The months of a sequence of ``n_days`` labels along ``day``.
+def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """The positions of each month's days, and the coordinates of the months: label, number of days, share of a month.
 
     start: date and time of the first sample of each day; a day counts in the month in which it starts, and two that
     start on the same date are one.  None: every label is a day, and 30 of them are a month.
     """
-    if start is None:
-        date = np.arange(n_days)
-        month = date // MONTH
-    else:
-        date, month = start.astype("datetime64[D]"), start.astype("datetime64[M]")
+    date = np.arange(n_days) if start is None else np.atleast_1d(start.values).astype("datetime64[D]")
+    month = date // MONTH if start is None else date.astype("datetime64[M]")
     labels = np.unique(month)
     days = [np.flatnonzero(month == label) for label in labels]
     counts = np.array([np.unique(date[each]).size for each in days])
+    said = {"long_name": "billing month"}
     if start is None:
-        return Months(labels + 1, days, counts, counts / _MEAN_MONTH)
-    first, last = (m.astype("datetime64[D]").astype(int) for m in (labels, labels + np.timedelta64(1, "M")))
-    return Months(labels.astype("datetime64[s]"), days, counts, counts / (last - first))
+        labels, whole = labels + 1, _MEAN_MONTH
+    else:
+        first, last = (m.astype("datetime64[D]").astype(int) for m in (labels, labels + np.timedelta64(1, "M")))
+        labels, whole = labels.astype("datetime64[s]"), last - first
+        said["time_zone"] = start.attrs.get("time_zone", "")
+    return days, {
+        "month": ("month", labels, said),
+        "n_days": ("month", counts, {"long_name": "days of the month that count", "units": "1"}),
+        "month_share": ("month", counts / whole, {"long_name": "share of a whole month", "units": "1"}),
+    }
 
 
 SUMS = ("coil_energy", "reheat_energy", "recool_energy", "motor_travel")
@@ -229,15 +220,15 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     start = ds.coords.get("start")
     if "day" not in days.dims:
         days, status = days.expand_dims("day"), status.expand_dims("day")
-    months = billing_months(days.sizes["day"], None if start is None else np.atleast_1d(start.values))
+    of_months, months = billing_months(days.sizes["day"], start)
+    shares = months["month_share"][1]
+    years = math.fsum(shares) / 12.0  # of twelve months
     constant = json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling"
     action = ds.coords.get("action", xr.DataArray(constant))
     heating = xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
-    parts = [
-        _month(days.isel(day=at), share, tariff, heating) for at, share in zip(months.days, months.share, strict=True)
-    ]
-    monthly = xr.concat(parts, xr.DataArray(months.labels, dims="month", name="month"))
-    yearly = monthly.sum("month", skipna=False) / months.years
+    parts = [_month(days.isel(day=at), share, tariff, heating) for at, share in zip(of_months, shares, strict=True)]
+    monthly = xr.concat(parts, "month")
+    yearly = monthly.sum("month", skipna=False) / years
     yearly["demand"] = monthly["demand"].max("month", skipna=False)
     result = monthly.assign({f"{YEARLY}{name}": values for name, values in yearly.data_vars.items()})
     for name, values in result.data_vars.items():
@@ -245,23 +236,15 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
         values.attrs = attrs | ({"units": tariff.currency} if attrs["units"] == "currency" else {})
     result["status"] = status.max("day", keep_attrs=True).reset_coords(drop=True)
     kept = {name: c for name, c in ds.coords.items() if set(c.dims) <= set(result["status"].dims) and name != "start"}
-    zone = {} if start is None else {"time_zone": start.attrs.get("time_zone", "")}
-    result = result.assign_coords(
-        kept
-        | {
-            "month": ("month", months.labels, {"long_name": "billing month", **zone}),
-            "n_days": ("month", months.n_days, {"long_name": "days of the month that count", "units": "1"}),
-            "month_share": ("month", months.share, {"long_name": "share of a whole month", "units": "1"}),
-        }
-    )
+    result = result.assign_coords(kept | months)
     attrs = {
         "billing": "months of the calendar" if start is not None else f"blocks of {MONTH} days: there are no dates",
-        "years": months.years,
+        "years": years,
         "tariff": json.dumps(vars(tariff)),
     }
-    incomplete = int((months.share < 1.0 - 1e-9).sum())
+    incomplete = int((shares < 1.0 - 1e-9).sum())
     if start is not None and incomplete:
-        attrs["incomplete_months"] = f"{incomplete} of {months.share.size}: they pay their share of the demand price"
+        attrs["incomplete_months"] = f"{incomplete} of {shares.size}: they pay their share of the demand price"
     return result.drop_attrs(deep=False).assign_attrs(attrs)
 
 
