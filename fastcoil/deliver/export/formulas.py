@@ -18,7 +18,6 @@ from fastcoil.deliver.export.values import (
     Choice,
     Number,
     Record,
-    Rows,
     Scope,
     Table,
     assigned,
@@ -139,14 +138,14 @@ class Formulas(Variables):
 
     def _element(self, node: ast.Subscript, scope: Scope) -> Any:
         of = self._value(node.value, scope)
-        if not isinstance(of, (tuple, Table, Rows)):
-            raise self._refusal(f"it has {ast.unparse(node)}", "use a table of numbers and an index in whole numbers")
         index = self._whole(self._value(node.slice, scope))
         if index.value is not None and isinstance(of, tuple):
             return of[index.value]
-        if index.value is not None and isinstance(of, Table):
+        if not isinstance(of, Table):
+            raise self._refusal(f"it has {ast.unparse(node)}", "use a table of numbers and an index in whole numbers")
+        if index.value is not None and of.values:
             return constant(of.values[index.value])
-        return Number(ast.Subscript(expression(of.name if isinstance(of, Table) else "s.w"), index.text))
+        return Number(ast.Subscript(expression(of.name), index.text))
 
     # conditions
 

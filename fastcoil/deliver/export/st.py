@@ -17,12 +17,29 @@ from fastcoil.deliver.export.words import WIDTH, number
 OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate")
 """What the block shows of its state."""
 _MISSING = {
-    "math.floor": (
-        "DINT_TO_LREAL(TRUNC(x))", "found > x", "found - 1.0", "Largest whole number up to x, between -2E9 and 2E9.",
-    ),
-    "math.tanh": ("1.0 - 2.0 / (EXP(2.0 * MIN(x, 20.0)) + 1.0)", "x < -20.0", "-1.0", "Hyperbolic tangent."),
-}  # fmt: skip
-"""Functions that the standard lacks: value, a condition, the value then, and what it is."""
+    "math.floor": """(* Largest whole number up to x, between -2E9 and 2E9. *)
+FUNCTION {0} : LREAL
+VAR_INPUT
+    x : LREAL;
+END_VAR
+VAR
+    found : LREAL;
+END_VAR
+found := DINT_TO_LREAL(TRUNC(x));
+IF found > x THEN
+    found := found - 1.0;
+END_IF;
+{0} := found;
+END_FUNCTION""",
+    "math.tanh": """(* Hyperbolic tangent. *)
+FUNCTION {0} : LREAL
+VAR_INPUT
+    x : LREAL;
+END_VAR
+{0} := 1.0 - 2.0 / (EXP(2.0 * MAX(MIN(x, 20.0), -20.0)) + 1.0);
+END_FUNCTION""",
+}
+"""Functions that the standard lacks."""
 _STEP = "    "
 
 
@@ -53,16 +70,9 @@ class InST(Printer):
 
     def text(self) -> str:
         """The whole file."""
-        missing = [self._missing(own, *_MISSING[word]) for word, own in self.missing.items()]
+        missing = [_MISSING[word].format(own) for word, own in self.missing.items()]
         functions = [self._function(one) for one in self.laws.functions.values() if not one.is_section]
         return "\n\n".join([self.comment(self.laws.text), *missing, *functions, self._block()]) + "\n"
-
-    def _missing(self, own: str, value: str, test: str, other: str, said: str) -> str:
-        return (
-            f"{self.comment(said)}\nFUNCTION {own} : LREAL\nVAR_INPUT\n{_STEP}x : LREAL;\nEND_VAR\nVAR\n"
-            f"{_STEP}found : LREAL;\nEND_VAR\nfound := {value};\nIF {test} THEN\n{_STEP}found := {other};\nEND_IF;\n"
-            f"{own} := found;\nEND_FUNCTION"
-        )
 
     def _function(self, one: Function) -> str:
         own = self.functions[one.name]

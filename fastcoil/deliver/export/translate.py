@@ -35,7 +35,6 @@ from fastcoil.deliver.export.values import (
     Choice,
     Number,
     Record,
-    Rows,
     Scope,
     Table,
     assigned,
@@ -113,7 +112,7 @@ class Translator(Formulas):
         self.bounds: dict[str, int] = {}
         """Largest value of each counter."""
         self.functions: dict[Any, tuple[str, str, str] | None] = {}
-        parameters = Record(self.Parameters, {n: self._parameter(n) for n in self.Parameters._fields})
+        parameters = Record(self.Parameters, {n: self._parameter(n, float(x)) for n, x in self.numbers.items()})
         first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
         self.first: dict[str, Number] = {}
         """Of the fields of the state."""
@@ -132,13 +131,12 @@ class Translator(Formulas):
             else:
                 self._store(name, value)
         begins, self.out = self.out, []
-        given = [self._sample(), parameters, Record(self.Memory, memory), *([Rows()] if self.words else [])]
+        given = [self._sample(), parameters, Record(self.Memory, memory), *([Table()] if self.words else [])]
         self._enter("")
         self._inlined(self.step, given, self._commit)
         return self._written(begins, needed(self.out, {self.goal, "s.w"}))
 
-    def _parameter(self, name: str) -> Number:
-        value = float(self.numbers[name])
+    def _parameter(self, name: str, value: float) -> Number:
         return constant(value) if name in self.literal else Number(ast.Name(name.upper()), "real", value)
 
     def _sample(self) -> Record:
@@ -281,7 +279,7 @@ class Translator(Formulas):
                 parts = [self._bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
             for one, part in zip(target.elts, parts, strict=True):
                 self._set(one, part, scope)
-        elif isinstance(target, ast.Subscript) and isinstance(self._value(target.value, scope), Rows):
+        elif isinstance(target, ast.Subscript) and _is_rows(self._value(target.value, scope)):
             index = self._whole(self._value(target.slice, scope))
             self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self._real(value).text))
         else:
@@ -369,7 +367,7 @@ class Translator(Formulas):
                 found = self._inlined(python, given, lambda one: one)
             if isinstance(found, Number) and not block:
                 return found
-        is_section = bool(given) and isinstance(given[0], Rows) and not has_return(scope.definition)
+        is_section = _is_rows(given[0] if given else None) and not has_return(scope.definition)
         numbers = {n: values[n] for n in names[is_section:]}
         if all(map(_is_number, numbers.values())):
             passed = [self._number(one, n) for n, one in numbers.items()]
@@ -409,7 +407,7 @@ class Translator(Formulas):
                 head = {self._local(n, "argument"): kind for n, kind in zip(names, kinds, strict=True)}
                 self.unit.kinds |= head
                 given = [Number(ast.Name(n), kind) for n, kind in head.items()]
-                self._inlined(python, [*([Rows()] if is_section else []), *given], finish)
+                self._inlined(python, [*([Table()] if is_section else []), *given], finish)
                 kind = "" if is_section or len(found) != 1 else found.pop()
                 if kind or is_section:
                     declared = [*(["s: State"] if is_section else []), *(f"{n}: {_WORDS[k]}" for n, k in head.items())]
@@ -452,3 +450,7 @@ class Translator(Formulas):
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (Number, Choice))
+
+
+def _is_rows(value: Any) -> bool:
+    return isinstance(value, Table) and not value.values

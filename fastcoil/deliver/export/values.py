@@ -65,14 +65,10 @@ class Record:
 
 @dataclass(frozen=True)
 class Table:
-    """A tuple or an array of constant numbers."""
+    """A table of constant numbers; without values the array of an estimator."""
 
-    name: str
-    values: tuple[float, ...]
-
-
-class Rows:
-    """The array of an estimator, ``s.w``."""
+    name: str = "s.w"
+    values: tuple[float, ...] = ()
 
 
 class Scope:
