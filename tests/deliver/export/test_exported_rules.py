@@ -80,6 +80,32 @@ def by_all_means(now, p, memory):
     return x, Memory(level, slope, N=memory.N + 1 + (step > 0.5), last=now.T_set)
 
 
+def moved(x, by):
+    if x > by:
+        x -= by
+    return x, -x
+
+
+@fc.estimator(Parameters, Memory)
+def by_corners(now, p, memory):
+    """Two fields that read one another, an argument that changes, and numbers that come and go."""
+    up, down = moved(now.e, 0.1)
+    gone = now.u > 0.5
+    level = memory.last if gone else up
+    after = level if level > 0.0 and not math.isnan(memory.last) else down
+    last = math.nan if gone else memory.slope
+    estimate = min(
+        0.05 * abs(memory.N - memory.slope) + 0.001 * abs(now.u - up) + (0.0 if math.isnan(memory.level) else 0.001),
+        0.1,
+    )
+    return estimate, Memory(
+        math.nan if gone else after,
+        memory.N + 0.01,
+        memory.slope if math.isnan(memory.level) else memory.slope + 0.001,
+        last,
+    )
+
+
 class Started(NamedTuple):
     integral: float = 0.0
     before: float = math.nan
@@ -102,6 +128,7 @@ LOOPS = {
     "estimator": {"estimator": rules.by_error, "noise_std": 0.05},
     "law": {"law": rules.own_pi, "backlash_estimate": 0.05},
     "everything": {"estimator": by_all_means, "plant_gain": 12.0},
+    "corners": {"estimator": by_corners, "plant_gain": 12.0},
     "both": {
         "law": own_pid, "estimator": by_all_means, "plant_gain": 12.0, "error_dead_band": 0.1, "estimate_share": 0.9,
         "action": "heating", "T_initial": 30.0,
@@ -110,7 +137,8 @@ LOOPS = {
 
 
 @pytest.mark.parametrize(
-    "name", ["everything", "both", *(pytest.param(name, marks=pytest.mark.full) for name in ("estimator", "law"))]
+    "name",
+    ["everything", "both", "corners", *(pytest.param(name, marks=pytest.mark.full) for name in ("estimator", "law"))],
 )
 @pytest.mark.parametrize("language", WORST)
 def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
@@ -161,6 +189,10 @@ def by_division(now, p, memory):
     return 0.01 / now.u if now.u / now.u > 0.0 else 0.02, memory
 
 
+def by_negative_division(now, p, memory):
+    return 0.01 * abs(int(-9.0 * now.u) // 2), memory
+
+
 def by_lambda(now, p, memory):
     return scaled(now.u), memory
 
@@ -175,6 +207,7 @@ scaled = lambda x: 0.1 * x  # noqa: E731 — what is refused
         (by_a_long_loop, ["no largest end", "constant number of passes"]),
         (by_other_functions, ["it calls math.gamma", "sqrt"]),
         (by_division, ["cycle", "division by zero"]),
+        (by_negative_division, ["cycle", "is off by 0.01"]),
         (by_lambda, ["the source of <lambda> is not at hand", "as a def"]),
     ],
 )
