@@ -104,33 +104,21 @@ def test_a_file_name_becomes_part_of_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "path", "language", "words"),
     [
-        ({"kp": [0.01, 0.02]}, ["kp is swept", "one value"]),
-        ({**LEARNER, "sample_time": 7.0}, ["learning_interval = 600 s", "595 or 602"]),
-        ({"estimator": "hagglund"}, ["plant_gain"]),
-        ({"estimator": "identify", "learning_step": 0.01}, ["learning_step belongs to"]),
+        ({"kp": [0.01, 0.02]}, "valve.c", "c", "kp is swept: give it one value"),
+        ({**LEARNER, "sample_time": 7.0}, "valve.c", "c", "give 595 or 602"),
+        ({"estimator": "hagglund"}, "valve.c", "c", "plant_gain"),
+        ({"estimator": "identify", "learning_step": 0.01}, "valve.c", "c", "learning_step belongs to"),
+        ({}, "valve.c", "fortran", "choose 'c', 'st' or 'python'"),
+        ({}, "valve.py", "c", "NAME.c in a folder that exists"),
+        ({}, "missing/valve.c", "c", "NAME.c in a folder that exists"),
+        ({}, "é.c", "c", "a name of letters"),
     ],
 )
-def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, values, words):
-    with pytest.raises(fc.InputError) as caught:
-        fc.export_controller(fc.Loop(**values), tmp_path / "valve.c")
-    assert all(word in str(caught.value) for word in words), str(caught.value)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("path", "language", "words"),
-    [
-        ("valve.c", "fortran", "choose 'c', 'st' or 'python'"),
-        ("valve.py", "c", "NAME.c in a folder that exists"),
-        ("missing/valve.c", "c", "NAME.c in a folder that exists"),
-        ("é.c", "c", "a name of letters"),
-    ],
-)
-def test_wrong_paths_and_languages_are_refused(tmp_path, path, language, words):
+def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, values, path, language, words):
     with pytest.raises(fc.InputError, match=re.escape(words)):
-        fc.export_controller(fc.Loop(), tmp_path / path, language)
+        fc.export_controller(fc.Loop(**values), tmp_path / path, language)
     assert not list(tmp_path.iterdir())
 
 
@@ -154,15 +142,12 @@ def test_the_command_writes_the_files_of_a_study_file(tmp_path, monkeypatch):
     [
         ("[loop]\n[sweep]\nkp = [0.01, 0.02]", [], "kp is swept"),
         ("[loop]\n", ["--language", "pascal"], "language = 'pascal'"),
-        ("[loop]\n", ["-o", "valve.st"], "NAME.c in a folder"),
-        ("[loop]\nkq = 1", [], "kq"),
     ],
 )
 def test_the_command_refuses_in_a_sentence(tmp_path, monkeypatch, loop, options, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "controller.toml").write_text(loop)
     done = CliRunner().invoke(main, ["export", "controller.toml", *options])
-    assert isinstance(done.exception, (fc.InputError, SystemExit))
     assert done.exit_code != 0
     assert words in done.output + str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == ["controller.toml"]
