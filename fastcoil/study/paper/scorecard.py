@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -64,34 +63,15 @@ REGIONS: dict[str, tuple[str, Region]] = {
 """Words → the feature of a tuning that the region is about, and the region."""
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """``condition`` and the shares inside and elsewhere are given only where the claim holds in a part of the grid.
-
-    ``sizes``: how many tunings lie inside and elsewhere, where each is judged once, so that counts say more.
-    """
+class Verdict(NamedTuple):
+    """``condition`` and the shares inside and elsewhere are given only where the claim holds in a part of the grid."""
 
     word: str
     share: float
+    text: str
     condition: str | None = None
     inside: float | None = None
     elsewhere: float | None = None
-    sizes: tuple[int, int] | None = None
-
-    @property
-    def text(self) -> str:
-        """The verdict in one line."""
-        if self.word != ONLY_IF:
-            return self.word
-        if self.condition is None or self.inside is None or self.elsewhere is None:
-            return "holds in part (no region tried predicts where)"
-        when = ONLY_IF if self.elsewhere <= 1.0 - SURELY else "holds in part, more often if"
-        there, elsewhere = percent(self.inside), percent(self.elsewhere)
-        if self.sizes is not None:
-            there, elsewhere = (
-                f"{round(share * n)} of {n}" for share, n in zip((self.inside, self.elsewhere), self.sizes, strict=True)
-            )
-        return f"{when} {self.condition} ({there} there, {elsewhere} elsewhere)"
 
 
 def features(quiet: xr.Dataset) -> xr.Dataset:
@@ -150,7 +130,8 @@ def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
     """Judge ``holds``, over ``tuning`` and perhaps ``day``; regions about the feature ``about`` are not tried."""
     share = float(holds.mean())
     if share >= SURELY or share <= 1.0 - SURELY:
-        return Verdict(HOLDS if share >= SURELY else DOES_NOT_HOLD, share)
+        word = HOLDS if share >= SURELY else DOES_NOT_HOLD
+        return Verdict(word, share, word)
     rate = holds.mean([d for d in holds.dims if d != "tuning"]).values
     best, gained, chosen = "", WORTH_NAMING, np.zeros(rate.size, dtype=bool)
     for words, region, margin in _regions(known, about):
@@ -158,9 +139,14 @@ def judge(holds: xr.DataArray, known: xr.Dataset, about: str = "") -> Verdict:
         if gain - margin > gained:
             best, gained, chosen = words, gain - margin, region
     if not best:
-        return Verdict(ONLY_IF, share)
-    sizes = None if "day" in holds.dims else (int(chosen.sum()), int((~chosen).sum()))
-    return Verdict(ONLY_IF, share, best, float(rate[chosen].mean()), float(rate[~chosen].mean()), sizes)
+        return Verdict(ONLY_IF, share, "holds in part (no region tried predicts where)")
+    inside, elsewhere = (float(rate[part].mean()) for part in (chosen, ~chosen))
+    shown = [percent(inside), percent(elsewhere)]
+    if "day" not in holds.dims:  # each tuning is judged once, so that counts say more
+        shown = [f"{round(rate[part].sum())} of {part.sum()}" for part in (chosen, ~chosen)]
+    when = ONLY_IF if elsewhere <= 1.0 - SURELY else "holds in part, more often if"
+    text = f"{when} {best} ({shown[0]} there, {shown[1]} elsewhere)"
+    return Verdict(ONLY_IF, share, text, best, inside, elsewhere)
 
 
 def _regions(known: xr.Dataset, about: str) -> Iterator[tuple[str, np.ndarray, float]]:
