@@ -9,7 +9,7 @@ study: $(VENV)/.installed
 	$(BIN)/fastcoil run studies/robustness/robustness.toml -o results/robustness
 
 paper: $(VENV)/.installed
-	$(BIN)/fastcoil paper -o results/paper
+	$(BIN)/python -m studies paper
 
 # in parallel; tests that measure time or send signals take turns
 test: $(VENV)/.installed-test

@@ -27,7 +27,7 @@ OPTION = "--report"
 @click.argument("folder", type=PATH)
 @click.option("-o", "--out", type=PATH, metavar="FILE.html", help="File to write; FOLDER/report.html by default.")
 def report(folder: Path, out: Path | None) -> None:
-    """Write a self-contained HTML report of the finished study, or of `fastcoil paper`, in FOLDER.
+    """Write a self-contained HTML report of the finished study in FOLDER.
 
     diagnose, explain, fit and tune have an option --report instead.
     """

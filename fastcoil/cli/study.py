@@ -1,4 +1,4 @@
-"""Commands on studies: ``init``, ``plan``, ``run``, ``status``, ``verify``, ``rerun``, ``paper``; parameter lists."""
+"""Commands on studies: ``init``, ``plan``, ``run``, ``status``, ``verify``, ``rerun``; parameter lists."""
 
 from __future__ import annotations
 
@@ -166,18 +166,11 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
     say(f"Traces:  {path}")
 
 
-@click.command()
-@click.option("-o", "--out", type=PATH, default="results/paper", show_default=True, help="Folder of the results.")
-@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.")
-@click.option("--quick", is_flag=True, help="A few tunings and days only; not for quotation.")
-def paper(out: Path, jobs: int | None, quick: bool) -> None:
-    """Reproduce the paper's simulated figures, with a scorecard of where its claims hold."""
-    from fastcoil.deliver.report.regenerate import regenerate
-
-    announce_compilation()
-    verdicts, written = regenerate(out, quick=quick, n_jobs=jobs, report=lambda line: say(line, err=True))
-    say(*verdicts)
-    say(f"Scorecard: {out / 'scorecard.md'}, .json; figures and data: {len(written)} files in {out}")
+@click.command(hidden=True, context_settings={"ignore_unknown_options": True})
+@click.argument("words", nargs=-1)
+def paper(words: tuple[str, ...]) -> None:
+    """Say what replaces this command."""
+    raise InputError("the paper's figures and claims are a study of the source repository: python -m studies paper")
 
 
 @click.command()

@@ -1,7 +1,7 @@
 """The scorecard of the paper's claims, and its section 3 on one loop, as tables.
 
-Does what ``fastcoil paper`` does, into ``results/paper``.  Where there is a weather file (see ``weather.toml``), the
-claims are judged on its summer days, too.
+Writes the paper's simulated figures and a page into ``results/paper``.  Where there is a weather file (see
+``weather.toml``), the claims are judged on its summer days, too.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import fastcoil as fc
-from fastcoil.deliver.report.regenerate import regenerate
-from fastcoil.study.paper.grid import KINDS, T_SET, Days, replaced, stepped
 from studies.common import RESULTS, results, write_table
 from studies.days import SUMMER, WEATHER_FILE
+from studies.paper.grid import KINDS, T_SET, Days, replaced, stepped
+from studies.paper.regenerate import regenerate
 
 TITLES = {
     "scorecard_changes": "What changes with the kind of day: claims that hold more often on one kind than on another",
@@ -25,7 +25,7 @@ TITLES = {
 
 
 def all_kinds(path: Path) -> dict[str, Days]:
-    """The kinds of days of ``fastcoil paper``, and weather where there is a file."""
+    """The three kinds of days, and weather where there is a file."""
 
     def weather(hours: float, seeds: Sequence[int]) -> fc.Boundary:
         """Summer days of a weather file with 30 % outdoor air, drawn by the seed, and a constant set-point."""
@@ -57,13 +57,10 @@ def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
 def main(*, quick: bool = False) -> None:
     """Regenerate the paper's figures and scorecard, and write the tables of verdicts."""
     folder = RESULTS / "paper"
-    regenerate(
-        folder,
-        quick=quick,
-        report=lambda line: print(line, flush=True),
-        kinds=all_kinds(WEATHER_FILE),
-        command="python -m studies paper",
+    verdicts, _ = regenerate(
+        folder, quick=quick, report=lambda line: print(line, flush=True), kinds=all_kinds(WEATHER_FILE)
     )
+    print(*verdicts, f"Page, figures and data: {folder}", sep="\n")
     found = tables((folder / "scorecard.md").read_text(encoding="utf-8"))
     one_loop()
     for (name, title), (head, rows) in zip(TITLES.items(), found, strict=False):

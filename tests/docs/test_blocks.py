@@ -24,7 +24,7 @@ ELSEWHERE = {
     ("docs/first-steps.md", "console"): "opens a page and waits: tests/deliver/explore do that",
     ("docs/own-rule.md", "diff"): "applied and tried in test_extending",
     ("docs/hand-over.md", "console"): "run below, with a compiler",
-    ("docs/findings/paper.md", "sh"): "minutes of simulation: tests/study/paper runs it in parts",
+    ("docs/findings/paper.md", "sh"): "minutes of simulation: tests/studies/paper runs it in parts",
     ("docs/clusters.md", "text"): "compared below",
     ("docs/clusters.md", "yaml"): "its settings are looked up below",
 }

@@ -1,4 +1,4 @@
-"""``report``: one HTML file that a client can open, of a study, the paper's figures, a diagnosis, a fit or a tuning."""
+"""``report``: one HTML file that a client can open, of a study, a diagnosis, a fit or a tuning."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ from fastcoil.study.folder.result_files import RESULTS
 
 REPORT = "report.html"
 """Name of the page in a folder."""
-SCORECARD = "scorecard.json"
-"""What `fastcoil paper` leaves in its folder."""
 _CURE = (
-    "give the folder of a study or of the paper's figures, or what fc.diagnose, fc.fit_valve, fc.fit_coil, "
-    "fc.fit_loop, fc.tune or fc.explain returned"
+    "give the folder of a study, or what fc.diagnose, fc.fit_valve, fc.fit_coil, fc.fit_loop, fc.tune or fc.explain "
+    "returned"
 )
 _FILE = "give a file NAME.html, such as 'report.html'"
 
@@ -33,8 +31,8 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     Parameters
     ----------
     what
-        The folder of a finished study, as `run_study` writes it, or of ``fastcoil paper``; or the result of
-        `diagnose`, `fit_valve`, `fit_coil`, `fit_loop`, `tune` or `explain`.
+        The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `fit_valve`, `fit_coil`,
+        `fit_loop`, `tune` or `explain`.
     path
         The file to write, NAME.html.  For a folder ``report.html`` in it by default.
 
@@ -69,22 +67,18 @@ def require_folder(folder: Path) -> None:
     require_no_archive(folder)
     if not is_folder(folder):
         raise InputError(f"{folder} is no folder: {_CURE}")
-    if any(exists(folder / name) for name in (MANIFEST, RESULTS, SCORECARD)):
+    if any(exists(folder / name) for name in (MANIFEST, RESULTS)):
         return
     if exists(folder / KEPT):
         raise InputError(
             f"{folder} holds a tuning: `fastcoil tune STUDY.toml -o {folder} --report tuning.html` reports it without "
             "trying anything again"
         )
-    raise InputError(f"{folder} holds no study and no figures of the paper: {_CURE}")
+    raise InputError(f"{folder} holds no study: {_CURE}")
 
 
 def page_of_folder(folder: Path) -> Page:
     """The page of what a folder holds."""
-    if exists(folder / SCORECARD) and not exists(folder / MANIFEST):
-        from fastcoil.deliver.report.paper import paper_page
-
-        return paper_page(folder / SCORECARD)
     from fastcoil.deliver.report.study import study_page
 
     return study_page(folder)

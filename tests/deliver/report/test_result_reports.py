@@ -134,7 +134,7 @@ def test_a_path_that_cannot_be_written_is_refused_before_anything_is_read(words,
 
 
 def test_what_has_no_page_is_refused_in_a_sentence(valve, tmp_path):
-    with pytest.raises(InputTypeError, match="what is a Loop: give the folder of a study or of the paper"):
+    with pytest.raises(InputTypeError, match="what is a Loop: give the folder of a study"):
         fc.report(fc.Loop(), tmp_path / "x.html")
     with pytest.raises(InputError, match=r"path is missing: give a file NAME.html, such as 'report.html'"):
         fc.report(valve)

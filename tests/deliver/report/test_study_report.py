@@ -169,7 +169,7 @@ def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(
     assert done.exit_code == 2
     assert "give a file NAME.html in a folder that exists" in done.stderr
     other.mkdir()
-    for said in ("holds no study and no figures of the paper", "holds a tuning: `fastcoil tune STUDY.toml"):
+    for said in ("holds no study", "holds a tuning: `fastcoil tune STUDY.toml"):
         done = fastcoil("report", other)
         assert done.exit_code == 2
         assert said in done.stderr

@@ -1,4 +1,4 @@
-"""``fastcoil paper``: all simulations, figures and the scorecard in one folder, in Markdown, JSON and on one screen."""
+"""All simulations, figures and the scorecard in one folder, as a page, in Markdown, JSON and on one screen."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from fastcoil.base.errors import InputError
 from fastcoil.base.figures import write
-from fastcoil.base.files import commit, exists, is_folder, make_folder, storage_errors
+from fastcoil.base.files import commit, make_folder
 from fastcoil.base.text import percent
-from fastcoil.deliver.figures import paper as figures
-from fastcoil.deliver.report.paper import captions, paper_page
 from fastcoil.loops.netcdf import save
-from fastcoil.loops.simulate import workers
-from fastcoil.study.paper import grid
-from fastcoil.study.paper.grid import KINDS, Days
-from fastcoil.study.paper.scorecard import COMMAND, scorecard
+from studies.paper import figures, grid
+from studies.paper.grid import KINDS, Days
+from studies.paper.page import captions, paper_page
+from studies.paper.scorecard import scorecard
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,9 +49,8 @@ def regenerate(
     n_jobs: int | None = None,
     report: Callable[[str], None] = lambda line: None,
     kinds: Mapping[str, Days] = KINDS,
-    command: str = COMMAND,
 ) -> tuple[list[str], list[Path]]:
-    """Write figures (NetCDF, PNG, SVG) and the scorecard (Markdown, JSON) into ``folder``.
+    """Write figures (NetCDF, PNG, SVG) and the scorecard (Markdown, JSON, HTML) into ``folder``.
 
     Parameters
     ----------
@@ -68,26 +64,13 @@ def regenerate(
         Called with a line for each stage.
     kinds
         The days on which claims are judged, the paper's first.
-    command
-        What the reader may run to get the same.
 
     Returns
     -------
     tuple
         The verdicts in lines, and the paths of the files written.
-
-    Raises
-    ------
-    InputError
-        If ``folder`` is a file or ``n_jobs`` is not a number of threads.
-    StorageError
-        If a file cannot be written.
     """
-    n_jobs = workers(n_jobs)
-    if exists(folder) and not is_folder(folder):
-        raise InputError(f"{folder} is a file: choose another folder with -o")
-    with storage_errors(folder, "made"):
-        make_folder(folder, parents=True)
+    make_folder(folder, parents=True)
     captioned = captions(quick=quick)
     paths: list[Path] = []
 
@@ -124,9 +107,12 @@ def regenerate(
     for name, simulated in stages.items():
         report(f"Grid of {loop.sizes['tuning']} tunings: {name} …")
         evidence[name] = save_data(f"grid_{name}", simulated())
-    card = scorecard(evidence, {name: grid.words(days) for name, days in kinds.items()}, command=command, quick=quick)
+    card = scorecard(evidence, {name: grid.words(days) for name, days in kinds.items()}, quick=quick)
     save_figure("scorecard", figures.shares(card))
-    paths += [folder / "scorecard.json", folder / "scorecard.md"]
-    commit(paths[-2], (json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
-    commit(paths[-1], paper_page(paths[-2]).markdown().encode())
+    page = paper_page(card, folder)
+    texts = {"scorecard.json": json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
+    texts |= {"scorecard.md": page.markdown(), "report.html": page.html()}
+    for name, text in texts.items():
+        paths.append(folder / name)
+        commit(paths[-1], text.encode())
     return screen(card), paths

@@ -1,4 +1,4 @@
-"""The simulations of `fastcoil paper`: those behind the figures, and a grid of tunings on several kinds of days.
+"""The simulations of the study: those behind the figures, and a grid of tunings on several kinds of days.
 
 The loops are the presets, generic and searched for so that the paper's phenomena appear, not the paper's unpublished
 fit, and for the grid gains × sample times × ideal and real loops.  Every simulation of the grid has the dim ``tuning``,

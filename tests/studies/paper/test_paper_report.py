@@ -1,23 +1,15 @@
-"""``fastcoil paper``: its files in quick mode, and mistakes."""
-
-import json
-import shutil
+"""The folder of the paper in quick mode: its data, figures and page."""
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from helpers.commands import fastcoil
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.pages import Page
 from matplotlib.image import imread
 
-from fastcoil.base.errors import IntegrityError
 from fastcoil.base.figures import GREY, encode
-from fastcoil.cli.main import main
-from fastcoil.deliver.figures import paper as figures
-from fastcoil.deliver.report.paper import paper_page
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.provenance import content_sha256
+from studies.paper import figures
 
 pytestmark = pytest.mark.kernel
 
@@ -44,25 +36,6 @@ def test_a_figure_drawn_again_is_the_same_file(folder):
     figure = figures.valve_curves(load(folder / "fig01.nc"))
     for suffix in ("png", "svg"):
         assert encode(figure, suffix) == (folder / f"fig01.{suffix}").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "sentence"),
-    [
-        (("-o", "file"), 2, "file is a file: choose another folder"),
-        (("-o", "file/below"), 4, "file/below cannot be made"),
-        (("-j", "0"), 2, "n_jobs = 0"),
-    ],
-)
-def test_a_mistake_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, words, code, sentence):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("mine")
-    result = CliRunner().invoke(main, ["paper", "--quick", *words])
-    assert result.exit_code == code
-    assert sentence in result.output
-    assert "Traceback" not in result.output
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-    assert (tmp_path / "file").read_text() == "mine"
 
 
 @pytest.fixture(scope="module")
@@ -129,18 +102,8 @@ def test_a_line_parts_what_changes_with_the_kind_of_day_from_what_does_not(card,
     assert line.get_ydata()[0] == sum(claim["change"] > 0 for claim in card["claims"]) - 0.5
 
 
-@pytest.fixture
-def paper(folder, tmp_path):
-    """What the page needs of a folder of the paper's figures."""
-    for path in (*folder.glob("*.png"), folder / "scorecard.json"):
-        shutil.copy(path, tmp_path)
-    return tmp_path
-
-
-def test_every_claim_figure_and_warning_is_on_the_page(paper, card):
-    done = fastcoil("report", paper)
-    assert done.exit_code == 0, done.output
-    page = Page(paper / "report.html")
+def test_every_claim_figure_and_warning_is_on_the_page(folder, card):
+    page = Page(folder / "report.html")
     page.require_alone()
     assert len(page.pictures) == 7
     assert page.text.index("Quick mode: too few tunings and days to be quoted.") < page.text.index("Answer")
@@ -153,24 +116,3 @@ def test_every_claim_figure_and_warning_is_on_the_page(paper, card):
     assert f"Of {len(shares)} verdicts, one for each claim and kind of day, {n_hold} say that it holds" in page.text
     assert f"{n_not} that it does not (5 % or less)" in page.text
     assert all(sha256 in page.text for sha256 in card["grid"]["content_sha256"].values())
-
-
-def test_a_missing_figure_is_told(paper):
-    (paper / "fig09.png").unlink()
-    assert "fig09.png is missing" in paper_page(paper / "scorecard.json").html()
-
-
-@pytest.mark.parametrize("damage", ["", "[]", '{"claims": [{}]}', '{"grid": {}, "claims": 3}'])
-def test_a_damaged_scorecard_is_refused_in_a_sentence(paper, damage):
-    (paper / "scorecard.json").write_text(damage)
-    done = fastcoil("report", paper)
-    assert done.exit_code == IntegrityError.exit_code
-    assert "scorecard.json is damaged" in done.stderr
-    assert not (paper / "report.html").exists()
-
-
-def test_what_is_no_figure_is_not_shown(paper, card):
-    (paper / "fig07.png").write_text("<svg onload=alert(1)>")
-    with pytest.raises(IntegrityError, match=r"fig07.png is no PNG"):
-        paper_page(paper / "scorecard.json")
-    assert json.loads((paper / "scorecard.json").read_text()) == card

@@ -7,22 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, YELLOW, apply_style
 from fastcoil.base.text import percent
 from fastcoil.deliver.figures.drawing import curve
 from fastcoil.loops.labels import quantity
-from fastcoil.study.paper.grid import BACKLASH, INTERVAL, NOISE, THREE_HOURS
-from fastcoil.study.paper.scorecard import SURELY
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
+from studies.paper.grid import BACKLASH, INTERVAL, NOISE, THREE_HOURS
+from studies.paper.scorecard import SURELY
 
 _CHANGES = {"legend_frameon": False, "axes_titlelocation": "left", "lines_linewidth": 1.2}
 _WIDTH = 7.0
@@ -34,12 +31,10 @@ _KIND_LOOKS = ((BLUE, "o"), (RED, "s"), (YELLOW, "D"), ("black", "v"), (GREY, "P
 """Colour and mark of each kind of day, and of what is judged on none."""
 _SPREAD = 0.6  # distance between the first and the last mark of a claim, in rows
 
-Grid = tuple["Figure", np.ndarray]
+Grid = tuple[Figure, np.ndarray]
 
 
 def _figure(rows: int, columns: int, height: float, **options: Any) -> Grid:
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(_WIDTH, height), layout="constrained")
     figure.supxlabel(_SMALL_PRINT, fontsize=6.5, color="0.3")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
@@ -137,8 +132,6 @@ def estimates(ds: xr.Dataset) -> Figure:
 @apply_style(**_CHANGES)
 def staircases(ds: xr.Dataset) -> Figure:
     """Fig 12: the learned estimate with the printed rule, the switches that it saw, and the variants."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(_WIDTH, 7.0), layout="constrained")
     figure.supxlabel(_SMALL_PRINT, fontsize=6.5, color="0.3")
     bands: Any = figure.subfigures(3, 1)

@@ -14,8 +14,8 @@ import xarray as xr
 
 from fastcoil.base.text import percent
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.study.paper import grid
-from fastcoil.study.paper.grid import BACKLASH, BUFFER_SIGMAS, DEAD_BAND, HUNTS, NOISE, RATIOS, STARTS_AND_STEPS, STEP
+from studies.paper import grid
+from studies.paper.grid import BACKLASH, BUFFER_SIGMAS, DEAD_BAND, HUNTS, NOISE, RATIOS, STARTS_AND_STEPS, STEP
 
 Holds = Callable[[xr.Dataset], xr.DataArray]
 Numbers = Callable[[xr.Dataset], dict[str, xr.DataArray]]

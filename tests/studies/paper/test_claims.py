@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fastcoil.study.paper import grid
-from fastcoil.study.paper.claims import CLAIMS, IDENTITIES
+from studies.paper import grid
+from studies.paper.claims import CLAIMS, IDENTITIES
 
 H = 3600.0
 

@@ -1,22 +1,16 @@
-"""What holds of the paper, claim by claim, as a page: HTML for `fastcoil report`, Markdown for `fastcoil paper`."""
+"""What holds of the paper, claim by claim, as a page."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fastcoil.base.errors import IntegrityError
-from fastcoil.base.files import exists, read_bytes, storage_errors
 from fastcoil.base.text import percent
 from fastcoil.deliver.report.computed import cited, here
 from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, facts
-from fastcoil.study.paper import grid
-from fastcoil.study.paper.scorecard import SURELY
-
-_LARGEST = 2**25  # bytes of the scorecard, and of a figure
-_PNG = b"\x89PNG\r\n\x1a\n"
+from studies.paper import grid
+from studies.paper.scorecard import SURELY
 
 
 def captions(*, quick: bool) -> dict[str, str]:
@@ -48,19 +42,8 @@ def captions(*, quick: bool) -> dict[str, str]:
     }  # fmt: skip
 
 
-def paper_page(scorecard: Path) -> Page:
-    """The page of the folder in which a scorecard lies."""
-    with storage_errors(scorecard, "read"):
-        try:
-            return _page(json.loads(read_bytes(scorecard, _LARGEST)), scorecard.parent)
-        except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
-            raise IntegrityError(
-                f"{scorecard} is damaged ({type(error).__name__}: {error}): run `fastcoil paper -o {scorecard.parent}` "
-                "again"
-            ) from None
-
-
-def _page(card: Mapping[str, Any], folder: Path) -> Page:
+def paper_page(card: Mapping[str, Any], folder: Path) -> Page:
+    """The page of a scorecard, with the figures in its folder."""
     tunings, claims = card["grid"], card["claims"]
     failed = int(tunings["n_failed"])
     warnings = [str(card["caveat"])]
@@ -89,7 +72,7 @@ def _page(card: Mapping[str, Any], folder: Path) -> Page:
             Words([columns]),
         ]),
         Section("What contradicts itself", [Words(identities, bullets=True)]),
-        Section("Figures", _figures(folder, quick=str(card["command"]).endswith("--quick"))),
+        Section("Figures", _figures(folder, quick=card["quick"])),
         Section("Claim by claim", [block for c in claims for block in _claim(c, tunings["presets"])]),
         Section("Not simulated", [Words([str(text) for text in card["not_simulated"]], bullets=True)]),
         _how(card),
@@ -127,17 +110,10 @@ def _share(value: float | None, limits: tuple[float, float] | None) -> str:
 
 
 def _figures(folder: Path, *, quick: bool) -> list[Block]:
-    found: list[Block] = []
-    for name, caption in captions(quick=quick).items():
-        path = folder / f"{name}.png"
-        if not exists(path):
-            found.append(Words([f"{path.name} is missing: run fastcoil paper again."]))
-            continue
-        png = read_bytes(path, _LARGEST)
-        if not png.startswith(_PNG):
-            raise ValueError(f"{path.name} is no PNG")
-        found.append(Picture(png, caption, caption.partition(".")[0], path.name))
-    return found
+    return [
+        Picture((folder / f"{name}.png").read_bytes(), caption, caption.partition(".")[0], f"{name}.png")
+        for name, caption in captions(quick=quick).items()
+    ]
 
 
 def _claim(c: Mapping[str, Any], presets: list[str]) -> list[Block]:

@@ -7,7 +7,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.presets import COOLING
-from fastcoil.study.paper import grid
+from studies.paper import grid
 
 pytestmark = pytest.mark.kernel
 
