@@ -24,9 +24,8 @@ from studies.buffer.rule import (
     swing_per_buffer,
 )
 from studies.buffer.runs import ALLOWED, SHARES, SIZES, SWINGS, Runs, Valves
-from studies.common import pooled, write_table
+from studies.common import pooled, share_of, write_table
 from studies.days import CONSTANT
-from studies.shares import share_of
 
 BLOCKS_PER_HOUR = 6.0
 """``switch_frequency`` counts in 10 min."""

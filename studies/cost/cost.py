@@ -13,11 +13,10 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import along, failures, progress, write_table
+from studies.common import along, failures, progress, share_of, write_table
 from studies.days import CONSTANT, HEATING, kinds, of_kind
 from studies.hunting.loops import acting, valves
 from studies.robustness.best_pi import simc_gains
-from studies.shares import share_of
 
 TARIFF = {"electricity": 0.13, "demand": 15.0, "heat": 0.05, "cop": 4.0, "currency": "USD"}
 """Round numbers near those of commercial customers in the United States; see ``docs/cost.md``."""

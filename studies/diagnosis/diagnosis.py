@@ -14,9 +14,8 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE, identify_backlash
-from studies.common import drawn_loops, mixed_sizes, write_table
+from studies.common import drawn_loops, mixed_sizes, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, of_kind, settings
-from studies.shares import share_of
 
 SIMULATED = 5
 """Seconds between the samples of the traces that logs are thinned from."""

@@ -13,11 +13,10 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import along, change_in_words, write_table
+from studies.common import along, change_in_words, share_of, write_table
 from studies.days import HEATING, OUTDOOR_AIR, WEATHER_FILE, of_kind
 from studies.inverse.conditions import GROWING
 from studies.learning.identify_online import IDENTIFY
-from studies.shares import share_of
 
 PRESETS = ("heating", "heating_45")
 VALVES, GOOD, LARGEST = 60, 5, 0.15

@@ -16,9 +16,8 @@ from matplotlib.axes import Axes
 
 import fastcoil as fc
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import save_figure, write_table
+from studies.common import save_figure, share_of, write_table
 from studies.heating.backlash import PRESETS, write_backlash
-from studies.shares import share_of
 
 COLOURS = {"heating": BLUE, "heating_45": RED}
 STYLES = {"heating": "-", "heating_45": "--"}

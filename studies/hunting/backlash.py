@@ -10,10 +10,9 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import along, pooled, write_table
+from studies.common import along, mean_of, pooled, share_of, write_table
 from studies.days import HEATING
 from studies.hunting.loops import OPERATING, SERIES, acting, conditions, foreseen, valves
-from studies.shares import mean_of, share_of
 
 SIZES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEEN, HOURS = 20, 8

@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import along, spread, write_table
+from studies.common import along, mean_of, share_of, spread, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, kinds, of_kind
 from studies.hunting.loops import Rule, acting, foreseen, share_written, valves
-from studies.shares import mean_of, share_of
 
 KP = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0)
 TI = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0)

@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
 from fastcoil.study.file.spec import read_study
-from studies.common import STUDIES, progress, results, save_figure, write_table
+from studies.common import STUDIES, progress, results, save_figure, share_of, write_table
 from studies.days import kinds
 from studies.hunting import backlash as hunting_backlash
 from studies.hunting import cures
@@ -36,7 +36,6 @@ from studies.hunting.loops import (
     share_written,
     smallest,
 )
-from studies.shares import share_of
 
 SHOWN = ("margin", "formula", "`fc.limit_cycle`")
 

@@ -22,9 +22,8 @@ from fastcoil.design.limit_cycle import HUNTS_ABOVE, Cycles, balance, cycles_of,
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response, plants_of
 from fastcoil.model.moist_air import humidity_ratio
-from studies.common import HEATING_GAIN, loguniform, write_table
+from studies.common import HEATING_GAIN, loguniform, share_of, write_table
 from studies.days import HEATING, kinds, of_kind, settings
-from studies.shares import share_of
 
 HOURS, STEP_AT, STEP = 16, 2 * 3600, 1.5
 """Length of a constant day, h; when its set-point steps, s, and by how much, K."""

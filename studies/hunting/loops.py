@@ -22,9 +22,8 @@ from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import loop_response, plants_of
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SWING
 from fastcoil.model.moist_air import humidity_ratio
-from studies.common import HEATING_GAIN, loguniform, pooled
+from studies.common import HEATING_GAIN, loguniform, pooled, share_of
 from studies.days import HEATING, of_kind, settings
-from studies.shares import share_of
 
 LEAST_GAIN = 0.2
 """K per stroke: with less a valve changes nothing."""

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
-from studies.common import change_in_words, failures, pooled, save_figure, write_table
+from studies.common import Share, change_in_words, failures, pooled, save_figure, share_of, write_table
 from studies.days import STEPPED
 from studies.learning import learners_runs
 from studies.learning.learners_runs import (
@@ -32,7 +32,6 @@ from studies.learning.learners_runs import (
     harmed,
 )
 from studies.learning.learners_runs import LABELS as OF_KINDS
-from studies.shares import Share, share_of
 
 LABELS = {
     PI: "plain PI",

@@ -16,12 +16,11 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from studies.common import HEATING_GAIN, STUDIES, along, loguniform, progress
+from studies.common import HEATING_GAIN, STUDIES, Share, along, loguniform, progress, share_of
 from studies.days import CONSTANT, DESIGN, HEATING, OUTDOOR_AIR, STEPPED, T_SET, WEATHER, kinds, of_kind, settings
 from studies.remedies import runs
 from studies.remedies.runs import picked
 from studies.robustness.best_pi import PRESETS, simc_gains
-from studies.shares import Share, share_of
 
 STUDY = STUDIES / "learning" / "learners.toml"
 HOURS = 16

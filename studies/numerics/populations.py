@@ -10,12 +10,11 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.model.moist_air import humidity_ratio
-from studies.common import along, write_table
+from studies.common import along, share_of, write_table
 from studies.days import HEATING, WEATHER_FILE, kinds, of_kind, settings
 from studies.hunting.loops import acting, valves
 from studies.inverse.conditions import GROWING
 from studies.learning.identify_online import GOOD, IDENTIFY, TOLERANCE, population
-from studies.shares import share_of
 
 SEED, VALVES, REMEDIED = 9420, 384, 192
 DAYS = range(94201, 94205)

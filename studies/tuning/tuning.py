@@ -20,10 +20,9 @@ from fastcoil.design.population import Group, own_gains
 from fastcoil.design.search_space import space_of
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.model.metric_table import WARM_UP
-from studies.common import along, change_in_words, mean_change, signed, write_table
+from studies.common import along, change_in_words, mean_change, share_of, signed, write_table
 from studies.days import HEATING, kinds, of_kind, settings
 from studies.robustness.best_pi import best_gains
-from studies.shares import share_of
 
 VALVES, FRESH_VALVES = 180, 96
 GOOD = 12

@@ -12,10 +12,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import change_in_words, failures, save_figure, write_table
+from studies.common import change_in_words, failures, save_figure, share_of, write_table
 from studies.days import CONSTANT, STEPPED
 from studies.learning.learners_runs import HARM
-from studies.shares import share_of
 from studies.wear import detect
 from studies.wear import runs as wear_runs
 from studies.wear.detect import (

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from studies.shares import mean_of, share_of
+from studies.common import mean_of, share_of
 
 
 def test_a_share_has_the_interval_of_wilson_where_cases_are_independent_and_a_wider_one_where_days_are_alike():
