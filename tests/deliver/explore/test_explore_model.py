@@ -155,10 +155,6 @@ def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
     assert run.value("rmse") == ds.rmse
     assert model.usual.kp == 0.4
     assert 'preset = "paper_like"' in study_file(model.usual, model.starts["given"])
-
-
-def test_a_day_that_is_too_long_is_refused(tmp_path):
-    path = tmp_path / "long.toml"
     path.write_text('[loop]\npreset = "lbnl"\n[boundary]\nhours = 30\n')
     with pytest.raises(fc.InputError, match="its day lasts 30 h: give at most 24 h"):
         Model(one_scenario(path, {}, {}))
@@ -233,26 +229,18 @@ def test_a_link_with_a_mistake_is_refused_in_words_and_the_rest_is_shown(query, 
     assert settings == replace(settings_of("paper_like", STARTS["paper_like"]), noise_std=0.02)
 
 
-def test_all_that_can_be_set_can_be_simulated():
+def test_all_that_can_be_set_can_be_simulated_with_the_load_as_the_air_of_its_day():
     """Every preset with every word, at both ends of all dials."""
     for name in PRESETS:
         start = STARTS[name]
-        words = [words_of(c, start) for c in ("valve", "estimator", "day")]
+        words = itertools.product(*(words_of(c, start) for c in ("valve", "estimator", "day")))
         ends = [{name: dial.steps[k] for name, dial in DIALS.items()} for k in (0, -1)]
-        for k, ((valve, estimator, day), values) in enumerate(itertools.product(itertools.product(*words), ends)):
+        for k, ((valve, estimator, day), values) in enumerate(itertools.product(words, ends)):
             if k % 5 == 0 or valve == "own":
                 settings = replace(settings_of(name, start), valve=valve, estimator=estimator, day=day, **values)
                 scene = scene_of(settings, start)
                 plan_simulation(scene.loop, scene.boundary)
                 assert scene.loop["backlash"] == values["backlash"]
-
-
-@pytest.mark.parametrize("name", ["lbnl", "heating_45"])
-def test_the_load_is_the_air_of_days_that_have_none_of_their_own(name):
-    settings = replace(settings_of(name, STARTS[name]), m_a=0.65)
-    for day in ("constant", "design"):
-        made = scene_of(replace(settings, day=day), STARTS[name]).boundary.series
-        assert (made["m_a"] == 0.65).all()
-        water = made["T_w_in"].mean()
-        assert water == pytest.approx(45.0 if name == "heating_45" else 7.0)
-    assert scene_of(settings, STARTS[name]).boundary.series["m_a"].std() > 0.0
+                made = scene.boundary.series
+                assert (made["m_a"] == values["m_a"]).all() == (day != "steps")
+                assert made["T_w_in"].mean() == pytest.approx(start.T_w_in, rel=0.01)

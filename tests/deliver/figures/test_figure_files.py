@@ -21,18 +21,15 @@ def figure():
 
 
 @pytest.mark.parametrize("format", files.FORMATS)
-def test_a_format_is_what_it_says_and_the_same_every_time(figure, tmp_path, format):
+def test_a_format_is_what_it_says_with_the_dots_asked_for(figure, tmp_path, format):
     (path,) = files.write({"drawn": figure}, tmp_path / "new", format=format)
     assert path == tmp_path / "new" / f"drawn.{format}"
     assert path.read_bytes().startswith(STARTS[format])
     assert path.read_bytes() == files.encode(figure, format)
-
-
-def test_dots_per_inch_are_those_asked_for_and_at_least_150(figure, tmp_path):
-    (path,) = files.write({"drawn": figure}, tmp_path)
-    assert imread(path).shape[:2] == (300, 400)
-    (path,) = files.write({"drawn": figure}, tmp_path, dpi=100)
-    assert imread(path).shape[:2] == (150, 200)
+    if format == "png":
+        assert imread(path).shape[:2] == (300, 400)
+        (path,) = files.write({"drawn": figure}, tmp_path, dpi=100)
+        assert imread(path).shape[:2] == (150, 200)
 
 
 @pytest.mark.parametrize(

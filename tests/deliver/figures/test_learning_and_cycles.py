@@ -29,14 +29,10 @@ def swinging(day):
     return fc.simulate(loop, day, traces=["command", "opening"], trace_interval=5, n_jobs=1), fc.limit_cycle(loop, day)
 
 
-def labelled(axes):
-    return {line.get_label(): line for line in axes.lines}
-
-
 def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learned):
     one = learned.isel(learning_step=0)
     axes = fc.plot.learning(one)
-    lines = labelled(axes)
+    lines = {line.get_label(): line for line in axes.lines}
     np.testing.assert_array_equal(lines["estimate"].get_ydata(), 100 * one.estimate)
     assert lines["estimate"].get_drawstyle() == "steps-post"
     np.testing.assert_allclose(lines["true backlash"].get_ydata(), 7.0)
@@ -79,11 +75,8 @@ def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swinging):
     low, high = (command - 0.07) / 0.93, command / 0.93
     assert (low - 1e-9 <= opening).all()
     assert (opening <= high + 1e-9).all()
-    edges = [line for line in axes.lines if line.get_color() == "black"]
-    assert sorted(float(line.get_ydata()[0] - 100 * command.min() / 0.93) for line in edges) == [
-        pytest.approx(-7 / 0.93),
-        pytest.approx(0.0, abs=1e-9),
-    ]
+    edges = [line.get_ydata()[0] - 100 * command.min() / 0.93 for line in axes.lines if line.get_color() == "black"]
+    assert sorted(edges) == [pytest.approx(-7 / 0.93), pytest.approx(0.0, abs=1e-9)]
     heading = axes.get_title(loc="left").replace("\n", " ")
     swing, period = float(one.hunting_swing), float(one.hunting_period)
     predicted = predicted.isel(backlash=1)
@@ -116,12 +109,8 @@ def test_a_sweep_without_traces_has_a_mark_for_every_loop_by_what_became_of_it(d
     np.testing.assert_allclose(np.sort(drawn, axis=1), np.sort(expected, axis=1))
     assert_texts_fit(axes.figure)
     assert_palette(axes.figure)
-    study = ds.assign(
-        predicted_margin=predicted.margin,
-        predicted_hunts=predicted.hunts,
-        predicted_period=predicted.period,
-        predicted_swing=2 * predicted.amplitude,
-    )
+    study = ds.assign({f"predicted_{name}": predicted[name] for name in ("margin", "hunts", "period")})
+    study["predicted_swing"] = 2 * predicted.amplitude
     again = fc.plot.limit_cycle(study)
     assert {text.get_text() for text in again.get_legend().get_texts()} == found
 

@@ -55,14 +55,11 @@ def test_labels_are_escaped_have_units_and_are_not_repeated(ds):
     assert text.count(r"\addlinespace") == 1
 
 
-def test_shares_are_means_and_what_never_came_is_a_word(ds):
+def test_shares_are_means_what_never_came_is_a_word_and_what_failed_takes_no_part(ds):
     rows = rows_of(latex_of(ds, ["hunts", "learn_time_reached"]))
     for row, values in zip(rows, ds.hunts.values.reshape(4, 9), strict=True):
         assert numbers(row[-2]) == pytest.approx([100 * values.mean()], abs=0.06)
         assert row[-1] == "never"
-
-
-def test_failed_scenarios_take_no_part_and_are_counted(ds):
     failed = ds.copy(deep=True)
     failed.rmse[0, 0, 0], failed.status[0, 0, 0] = 1e6, 1
     text = latex_of(failed, ["rmse"])
