@@ -10,7 +10,7 @@ import click
 
 from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import exists, is_folder, may_be_file
+from fastcoil.base.files import commit, exists, is_folder, may_be_file
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.arguments import PATH, all_labels_of
 from fastcoil.cli.terminal import say
@@ -234,10 +234,10 @@ def _format(formats: Sequence[str], by: Sequence[str]) -> str:
 
 def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) -> str:
     """Write the file; return a description of its content."""
-    from fastcoil.deliver.tables import Tidy, write_csv, write_latex, write_parquet
+    from fastcoil.deliver.tables import Tidy, latex_of, write_csv, write_parquet
 
     if format == "latex":
-        write_latex(ds, target, metrics)
+        commit(target, latex_of(ds, metrics).encode())
         return "medians and their scatter; a comment in the file says over what"
     table = Tidy(ds, metrics)
     (write_csv if format == "csv" else write_parquet)(table, target)

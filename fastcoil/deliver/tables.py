@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError, missing_extra, nearest, shown
-from fastcoil.base.files import commit, commit_written
+from fastcoil.base.files import commit_written
 from fastcoil.base.text import MINUS, NONE, written
 from fastcoil.deliver.figures.drawing import BAND, FEWEST_FOR_A_BAND
 from fastcoil.loops.labels import quantity, quantity_of
@@ -202,17 +202,12 @@ _HEADER = 18  # letters of a line in the header
 _SHARES = ("hunts", "predicted_hunts")  # 0 or 1, so that the mean is a share
 
 
-def write_latex(ds: xr.Dataset, path: Path, metrics: Sequence[str] = ()) -> None:
-    """Write a table with a row for each label, and a column for each metric: its median and its scatter.
+def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
+    """A table with a row for each label, and a column for each metric: its median and its scatter.
 
     The scatter is that over samples, days and replicates: from the 10th to the 90th percentile, or, of fewer than five,
     from the lowest to the highest.  Shares are means.  Failed scenarios are left out.
     """
-    commit(path, latex_of(ds, metrics).encode())
-
-
-def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
-    """The table as text; raises as ``write_latex``."""
     chosen = list(metrics) or [name for name in STANDARD if name in ds]
     check_metrics(ds, tuple(chosen))
     shown = [str(d) for d in ds["status"].dims if d not in CHANCE_DIMS and ds.sizes[d] > 1]

@@ -80,13 +80,16 @@ def valve_curves(ds: xr.Dataset) -> Figure:
 def tracking(ds: xr.Dataset, other: str) -> Figure:
     """Figs 7, 9, 10: supply temperature and valve with the plain PI, and another case in front."""
     figure, axes = _figure(2, ds.sizes["preset"], 4.4, sharex=True, sharey="row")
+    names = {"no backlash": "plain PI, no backlash", "plain PI": f"plain PI, {percent(BACKLASH)} backlash"}
     part = ds.sel(elapsed_time=slice(_WINDOW_H[0] * _HOUR, _WINDOW_H[1] * _HOUR))
     hours = part["elapsed_time"] / _HOUR
     for column, preset in enumerate(ds["preset"].values):
         above, below = axes[:, column]
         for case, colour in (("plain PI", GREY), (other, BLUE)):
             of_case = part.sel(preset=preset, case=case)
-            above.plot(hours, of_case["T_sup"], color=colour, label=_case_name(case))
+            above.plot(
+                hours, of_case["T_sup"], color=colour, label=names.get(case, f"inverse with {case} of the backlash")
+            )
             below.plot(hours, 100 * of_case["opening"], color=colour)
         above.plot(hours, part["T_set"], color="black", ls=":", lw=1.0, label="set-point")
         below.set_xlabel("time [h]")
@@ -96,13 +99,6 @@ def tracking(ds: xr.Dataset, other: str) -> Figure:
     _letter(axes, list(ds["preset"].values))
     _legend_above(figure, axes[0, 0], 3)
     return figure
-
-
-def _case_name(case: str) -> str:
-    return {
-        "no backlash": "plain PI, no backlash",
-        "plain PI": f"plain PI, {percent(BACKLASH)} backlash",
-    }.get(case, f"inverse with {case} of the backlash")
 
 
 @apply_style(**_CHANGES)

@@ -372,7 +372,9 @@ def _plane(ds: xr.Dataset, predicted: xr.Dataset | None, ax: Any) -> Axes:
         return axes
     low, high = math.inf, -math.inf
     for k, (one, gap) in enumerate(zip(found, gaps, strict=True)):
-        last = one.ds.isel(elapsed_time=_last_swings(one.ds))
+        period = float(one.ds["hunting_period"]) if "hunting_period" in one.ds else math.nan
+        end = float(one.ds["elapsed_time"][-1])
+        last = one.ds.sel(elapsed_time=slice(end - (_PERIODS * period if math.isfinite(period) else _LAST), None))
         command, opening = 100.0 * last["command"].values, 100.0 * last["opening"].values
         axes.plot(command, opening, color=COLOURS[k], ls=LINE_STYLES[k], lw=1.2, label=one.words or "_only")
         ends = np.array([command.min(), command.max()])
@@ -386,13 +388,6 @@ def _plane(ds: xr.Dataset, predicted: xr.Dataset | None, ax: Any) -> Axes:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
     caption(axes, "\n".join([*lines, "dotted: the edges of the gap"]), width_of(axes, ax))
     return axes
-
-
-def _last_swings(one: xr.Dataset) -> slice:
-    period = float(one["hunting_period"]) if "hunting_period" in one else math.nan
-    seconds = one["elapsed_time"].values
-    width = _PERIODS * period if math.isfinite(period) else _LAST
-    return slice(int(np.searchsorted(seconds, seconds[-1] - width)), None)
 
 
 def _compared(one: xr.Dataset, predicted: xr.Dataset | None) -> str:

@@ -222,15 +222,8 @@ def study_page(folder: Path) -> Page:
     toml = str(ds.attrs.get("study_toml", ""))
     sections += [how(ds), versions(ds), Section("The study file", [Code(toml)] if toml.strip() else [])]
     sections += [_again(folder, ds), cited(ds)]
-    return Page(
-        "Study",
-        title,
-        str(ds.attrs.get("summary", "")).strip(),
-        warnings,
-        answer,
-        sections,
-        str(ds.attrs["content_sha256"]),
-    )
+    question, origin = str(ds.attrs.get("summary", "")).strip(), str(ds.attrs["content_sha256"])
+    return Page("Study", title, question, warnings, answer, sections, origin)
 
 
 def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
