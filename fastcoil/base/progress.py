@@ -38,8 +38,8 @@ def is_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty()
 
 
-def terminal_bar(*columns: str, rate: str = "", transient: bool = False) -> Progress:
-    """A progress bar on stderr: ``columns`` before it, ``rate`` after the count."""
+def terminal_bar() -> Progress:
+    """A progress bar on stderr."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -50,34 +50,36 @@ def terminal_bar(*columns: str, rate: str = "", transient: bool = False) -> Prog
         TimeRemainingColumn,
     )
 
-    before, after = map(TextColumn, columns), [TextColumn(text) for text in ("{task.fields[what]}", rate) if text]
+    words = TextColumn("{task.fields[what]}"), TextColumn("{task.fields[rate]}")
     times = TimeElapsedColumn(), TextColumn("ETA"), TimeRemainingColumn()
-    shown = (*before, BarColumn(), MofNCompleteColumn(), *after, *times)
-    return Progress(*shown, console=Console(stderr=True), transient=transient)
+    return Progress(BarColumn(), MofNCompleteColumn(), *words, *times, console=Console(stderr=True))
 
 
 @dataclass
 class State:
-    """Scenario-days done, of which ``before`` in an earlier run, and seconds since this run began."""
+    """``what`` is done, of which ``before`` in an earlier run, and seconds since this run began."""
 
     of: int
     before: int = 0
     done: int = 0
     seconds: float = 0.0
+    what: str = "scenario-days"
 
     @property
     def rate(self) -> float:
-        """Scenario-days per second in this run."""
+        """Done per second in this run."""
         return (self.done - self.before) / max(self.seconds, 1e-9)
+
+    @property
+    def rate_words(self) -> str:
+        return f"{self.rate:,.0f}/s" if self.rate >= 0.5 else ""
 
     def words(self) -> str:
         """The state as one line of text."""
         if self.done >= self.of:
-            return f"{self.of:,} scenario-days in {duration(self.seconds)}"
-        line = f"{self.done:,} of {self.of:,} scenario-days"
-        if self.done > self.before:
-            line += f", {self.rate:,.0f}/s, {duration((self.of - self.done) / self.rate)} to go"
-        return line
+            return f"{self.of:,} {self.what} in {duration(self.seconds)}"
+        to_go = f"{duration((self.of - self.done) / self.rate)} to go" if self.done > self.before else ""
+        return ", ".join(filter(None, [f"{self.done:,} of {self.of:,} {self.what}", self.rate_words, to_go]))
 
 
 class View(Protocol):
@@ -94,15 +96,14 @@ class Bar:
     """Progress bar on a terminal."""
 
     def open(self, state: State) -> None:
-        self.bar = terminal_bar(rate="{task.fields[rate]}")
-        self.task = self.bar.add_task("", total=state.of, what="scenario-days", rate="")
+        self.bar = terminal_bar()
+        self.task = self.bar.add_task("", total=state.of, what=state.what, rate="")
         self.bar.tasks[0].start_time = time.monotonic() - state.seconds
         self.bar.start()
         self.draw(state)
 
     def draw(self, state: State) -> None:
-        rate = f"{state.rate:,.0f}/s" if state.done > state.before else ""
-        self.bar.update(self.task, completed=state.done, rate=rate)
+        self.bar.update(self.task, completed=state.done, rate=state.rate_words)
 
     def close(self, state: State) -> None:
         self.bar.stop()
@@ -133,7 +134,7 @@ def _of_notebook(state: State, *, ended: bool = False) -> dict[str, str]:
     """MIME bundle for a notebook."""
     words = state.words()
     if ended and state.done < state.of:
-        words = f"stopped at {state.done:,} of {state.of:,} scenario-days"
+        words = f"stopped at {state.done:,} of {state.of:,} {state.what}"
     bar = f'<progress value="{state.done}" max="{state.of}"></progress> ' * (not ended)
     return {"text/plain": words, "text/html": f"{bar}{words}"}
 
@@ -183,9 +184,10 @@ class Shown:
         self._state = State(0)
         self._is_open = False
 
-    def start(self, of: int, before: int = 0) -> Advance:
-        """Begin with ``before`` of ``of`` scenario-days done; returns the function that advances the count."""
-        self._state, self._began = State(of, before, before), time.monotonic()
+    def start(self, of: int, before: int = 0, what: str = "scenario-days") -> Advance:
+        """Begin with ``before`` of ``of`` of ``what`` done; returns the function that advances the count."""
+        self.stop()
+        self._state, self._began = State(of, before, before, what=what), time.monotonic()
         if self._view is None:
             return _ignore
         # a timer, since the first shard may take minutes
@@ -205,6 +207,7 @@ class Shown:
             timer, self._timer = self._timer, None
             if self._view is not None and timer is not None and self._is_open:
                 self._view.close(self._now())
+                self._is_open = False
 
     def _open(self) -> None:
         with self._lock:

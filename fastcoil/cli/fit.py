@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fastcoil.base.errors import InputError
-from fastcoil.base.progress import PATIENCE, SECONDS_BETWEEN_LINES, duration, is_terminal, terminal_bar
+from fastcoil.base.errors import InputError, shown
+from fastcoil.base.progress import Shown, progress_of_command
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.arguments import PATH
 from fastcoil.cli.deliver import with_report, write_report
@@ -19,8 +18,6 @@ from fastcoil.cli.logs import pairs, require_writable, with_reading_options
 from fastcoil.cli.terminal import say
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from fastcoil.loops.loop import Loop
     from fastcoil.measured.fit import Fit
 
@@ -30,70 +27,25 @@ def fit_progress() -> Iterator[None]:
     """Show the progress of the fits inside."""
     from fastcoil.measured.least_squares import reported_to
 
-    shown = _Bar() if is_terminal() else _Lines()
-    with reported_to(shown):
-        try:
-            yield
-        finally:
-            shown.stop()
+    with progress_of_command() as shown, reported_to(_Parts(shown)):
+        yield
 
 
-class _Part:
-    """The current part of a fit."""
+class _Parts:
+    """Shows the parts of a fit, one after the other."""
 
-    def __init__(self) -> None:
-        self.start = self.began = time.monotonic()
-        self.what, self.done, self.of = "starts", 0, 1
+    def __init__(self, shown: Shown) -> None:
+        self.shown, self.what, self.done = shown, "", 0
 
     def part(self, what: str, done: int, of: int) -> None:
         if what != self.what or done == 0:
-            self.began = time.monotonic()
-        self.what, self.done, self.of = what, done, of
-        self.step()
+            self.advance, self.what, self.done = self.shown.start(of, what=what), what, 0
+        self.advance(done - self.done)
+        self.done = done
 
     def step(self) -> None:
-        """Update the display if it is due."""
-
-    def stop(self) -> None:
-        """Remove the display."""
-
-
-class _Lines(_Part):
-    def __init__(self) -> None:
-        super().__init__()
-        self.last = self.start
-
-    def step(self) -> None:
-        now = time.monotonic()
-        if now - self.last < SECONDS_BETWEEN_LINES:
-            return
-        self.last = now
-        line = f"Fitting for {duration(now - self.start)}: {self.done:,} of {self.of:,} {self.what} done"
-        if self.done:
-            line += f", {duration((now - self.began) * (self.of - self.done) / self.done)} to go with them"
-        say(line, err=True)
-
-
-class _Bar(_Part):
-    def __init__(self) -> None:
-        super().__init__()
-        self.bar: Progress | None = None
-
-    def step(self) -> None:
-        if self.bar is None and time.monotonic() - self.start >= PATIENCE:
-            self.bar = terminal_bar("Fitting", transient=True)
-            self.bar.start()
-            self.task = self.bar.add_task("", total=self.of, what=self.what)
-            self.shown = ""
-        if self.bar is not None:
-            if self.what != self.shown:
-                self.bar.reset(self.task, total=self.of)
-                self.shown = self.what
-            self.bar.update(self.task, completed=self.done, total=self.of, what=self.what)
-
-    def stop(self) -> None:
-        if self.bar is not None:
-            self.bar.stop()
+        if self.what:
+            self.advance(0)
 
 
 @click.group()
@@ -117,6 +69,19 @@ def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_reading_options(with_report(command))
 
 
+def _lag(text: str) -> float | str:
+    """Seconds as a number, or the word auto."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+with_constants = click.option(
+    "--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="Constant value of a series not in the log."
+)
+
+
 @fit.command("valve")
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
@@ -128,26 +93,19 @@ def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.option(
     "--lag",
+    type=_lag,
     default="auto",
     show_default=True,
     metavar="SECONDS",
     help="Delay of the logged flow behind the command; auto: estimated per segment, reported, removed.",
 )
 @click.option(
-    "--hold", metavar="command", help="The command is constant between rows; by default it may move between them."
+    "--hold",
+    "holds",
+    metavar="command",
+    help="The command is constant between rows; by default it may move between them.",
 )
-def fit_valve_command(
-    data: Path,
-    out: Path,
-    m_max: float | None,
-    floor: float | None,
-    settle: float | None,
-    initial: str,
-    lag: str,
-    hold: str | None,
-    report: Path | None,
-    **reading: Any,
-) -> None:
+def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any) -> None:
     """Fit backlash and flow curve to the columns command and m_w of DATA.
 
     Time is elapsed_time or timestamp.  The optional column batch numbers the experiments in the log; the optional
@@ -158,53 +116,31 @@ def fit_valve_command(
     require_writable(out)
     announce_compilation("valve_flows")
     with fit_progress():
-        found = fit_valve(
-            data,
-            m_max=m_max,
-            floor=floor,
-            settle=settle,
-            initial=initial,
-            lag=_lag(lag),
-            holds=hold,
-            **reading,
-        )
+        found = fit_valve(data, **options)
     write_and_print(found, out, report)
 
 
 @fit.command("coil")
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
-@click.option(
-    "--constant",
-    "constants",
-    multiple=True,
-    metavar="NAME=NUMBER",
-    help="Constant value of a series that is not in the log.",
-)
+@with_constants
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
 @click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
 @click.option(
-    "--t-initial", type=float, default=20.0, show_default=True, help="Initial temperature of water, coil and air, °C."
+    "--t-initial",
+    "T_initial",
+    type=float,
+    default=20.0,
+    show_default=True,
+    help="Initial temperature of water, coil and air, °C.",
 )
-@click.option("--volumes", type=int, default=8, show_default=True, help="Number of control volumes.")
+@click.option("--volumes", "n_volumes", type=int, default=8, show_default=True, help="Number of control volumes.")
 @click.option("--air-march", default="lagged", show_default=True, help="lagged or quasistatic.")
 @click.option("--substeps", type=int, default=1, show_default=True, help="Model steps per second.")
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that is constant until the next sample.")
 def fit_coil_command(
-    data: Path,
-    out: Path,
-    constants: Sequence[str],
-    both: bool,
-    warm_up: float,
-    t_initial: float,
-    volumes: int,
-    air_march: str,
-    substeps: int,
-    pressure: float,
-    holds: Sequence[str],
-    report: Path | None,
-    **reading: Any,
+    data: Path, out: Path, constants: Sequence[str], both: bool, report: Path | None, **options: Any
 ) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
@@ -217,27 +153,9 @@ def fit_coil_command(
     announce_compilation("march_coil")
     with fit_progress():
         found = fit_coil(
-            data,
-            constants=numbers("--constant", constants),
-            minimise_on="both" if both else "T_sup",
-            warm_up=warm_up,
-            T_initial=t_initial,
-            n_volumes=volumes,
-            air_march=air_march,
-            substeps=substeps,
-            pressure=pressure,
-            holds=holds,
-            **reading,
+            data, constants=numbers("--constant", constants), minimise_on="both" if both else "T_sup", **options
         )
     write_and_print(found, out, report)
-
-
-def _lag(text: str) -> float | str:
-    """Seconds as a number, or the word auto."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
@@ -277,22 +195,10 @@ def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
     metavar="PRESET|FILE.toml",
     help="Valve curve, coil, motor and sensor: a preset, and files written by `fastcoil fit`.",
 )
-@click.option(
-    "--constant",
-    "constants",
-    multiple=True,
-    metavar="NAME=NUMBER",
-    help="Constant value of a series that is not in the log.",
-)
+@with_constants
 @click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
 def fit_loop_command(
-    data: Path,
-    out: Path,
-    parts: Sequence[str],
-    constants: Sequence[str],
-    warm_up: float,
-    report: Path | None,
-    **reading: Any,
+    data: Path, out: Path, parts: Sequence[str], constants: Sequence[str], report: Path | None, **options: Any
 ) -> None:
     """Fit the backlash without a flow meter, to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in).
 
@@ -304,19 +210,12 @@ def fit_loop_command(
     require_writable(out)
     loop = _loop_of(parts)
     announce_compilation()
-    found = fit_loop(
-        data,
-        loop,
-        constants=numbers("--constant", constants),
-        warm_up=warm_up,
-        **reading,
-    )
+    found = fit_loop(data, loop, constants=numbers("--constant", constants), **options)
     write_and_print(found, out, report)
 
 
 def _loop_of(parts: Sequence[str]) -> Loop:
     """The preset, ``paper_like`` by default, with the parameters from the files."""
-    from fastcoil.base.errors import InputError, shown
     from fastcoil.loops.loop import Loop
     from fastcoil.loops.presets import PRESETS
     from fastcoil.study.file.loop import read_includes

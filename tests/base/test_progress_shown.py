@@ -149,7 +149,7 @@ def test_an_interrupted_notebook_keeps_how_far_it_came(notebook, soon):
 
 
 def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(outside_of_tests, clock, capsys):
-    for progress, lines in ((None, []), (False, []), (True, ["4 of 8 scenario-days, 0/s, 11 s to go"])):
+    for progress, lines in ((None, []), (False, []), (True, ["4 of 8 scenario-days, 11 s to go"])):
         with progress_of_call(progress) as on_show:
             advance = on_show.start(8)
             clock[0] += 9.0
