@@ -138,26 +138,12 @@ def run(boundary, **options):
     return fc.simulate(LOOP, boundary, warm_up=60, n_jobs=1, **options)
 
 
-def test_several_days_have_their_starts_and_one_the_time_of_its_traces():
-    ds = run(DAYS, traces=["T_sup"], trace_interval=60)
-    assert ds.start.dims == ("day",)
-    np.testing.assert_array_equal(ds.start.values, DAYS.start.astype("M8[ns]"))
-    assert ds.start.attrs["time_zone"] == "America/Los_Angeles"
-    assert "time" not in ds.coords
-    one = run(DAYS.sel(2), traces=["T_sup"], trace_interval=60)
-    assert one.start.values == np.datetime64("2024-07-02T08:00")
-    assert one.time.dims == ("elapsed_time",)
-    np.testing.assert_array_equal(
-        one.time.values, np.array(["2024-07-02T08:00", "2024-07-02T08:01", "2024-07-02T08:02"], "M8[ns]")
-    )
-    assert "time" not in run(DAYS.sel(2)).coords
-    where_clocks_change = fc.paper_day(0.05).assign(start="2024-03-10T01:58", time_zone="America/Los_Angeles")
-    assert "time" not in run(where_clocks_change, traces=["T_sup"]).coords
-
-
-def test_without_a_start_a_result_has_no_clock_and_the_same_numbers():
+def test_several_days_have_their_starts_in_a_result_of_the_same_numbers():
     plain, known = run(DAYS.assign(start=None, time_zone=None)), run(DAYS)
     assert not {"start", "time"} & set(plain.coords)
+    np.testing.assert_array_equal(known.start, xr.DataArray(DAYS.start.astype("M8[ns]"), dims="day"))
+    assert known.start.attrs["time_zone"] == "America/Los_Angeles"
+    assert "time" not in known.coords
     assert known.attrs["boundary_sha256"] == plain.attrs["boundary_sha256"]
     xr.testing.assert_identical(known.drop_vars("start").drop_attrs(), plain.drop_attrs())
 
@@ -169,6 +155,11 @@ def test_the_content_of_a_result_is_the_same_after_a_file(tmp_path):
     with xr.open_dataset(tmp_path / "result.nc") as back:
         assert content_sha256(back) == content_sha256(ds) == ds.attrs["content_sha256"]
         assert back.start.attrs["time_zone"] == "America/Los_Angeles"
+    assert ds.start.values == np.datetime64("2024-07-01T08:00")
+    np.testing.assert_array_equal(ds.time, ds.start.values + np.array([0, 60, 120], "m8[s]"))
+    assert ds.time.dims == ("elapsed_time",)
+    where_clocks_change = fc.paper_day(0.05).assign(start="2024-03-10T01:58", time_zone="America/Los_Angeles")
+    assert "time" not in run(where_clocks_change, traces=["T_sup"]).coords
     moved = ds.assign_coords(start=ds.start + np.timedelta64(1, "s"))
     assert content_sha256(moved) != content_sha256(ds)
 

@@ -19,33 +19,42 @@ from fastcoil.loops.boundary.days import (
 from fastcoil.model import moist_air
 
 
-def test_paper_day_follows_its_formula():
-    """Away from the noise: the mean over many seeds, whose standard error is known."""
-    n = 40
-    boundary = paper_day(16.0, range(n))
-    h = np.arange(16 * 3600) / 3600
-    D = np.array([np.sin(np.pi * ((x if x <= 8 else 16 - x) - 1) / 9) for x in h])
+def noise_of(drifts, seed, n_steps):
+    return {name: smooth_noise(n_steps, drift, (seed, i)) for i, (name, drift) in enumerate(drifts.items())}
+
+
+def slow_swing(n_steps):
+    """A sine up to hour 8, mirrored there and at every further multiple of 8 h."""
+    hours = (t / 3600 for t in range(n_steps))
+    return np.array([np.sin(np.pi * ((x if x <= 8 else 16 - x) - 1) / 9) for x in (h % 16 for h in hours)])
+
+
+def test_paper_day_is_its_formula_with_a_stream_of_noise_for_each_signal():
+    n = 17 * 3600
+    series = {name: values[0] for name, values in paper_day(17.0, 5).series.items()}
+    h, D, noise = np.arange(n) / 3600, slow_swing(n), noise_of(days.DRIFTS, 5, n)
     expected = {
-        "m_a": (1.15 + 0.18 * D, 0.015),
-        "T_a_in": (25 + 1.5 * D, 0.10),
-        "T_w_in": (7 + 0.4 * np.sin(2 * np.pi * h / 1.5), 0.05),
+        "m_a": 1.15 + 0.18 * D + noise["m_a"],
+        "T_a_in": 25 + 1.5 * D + noise["T_a_in"],
+        "W_a_in": moist_air.humidity_ratio(series["T_a_in"], 0.56 - 0.05 * D + noise["RH"]),
+        "T_w_in": 7 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
     }
-    for name, (formula, std) in expected.items():
-        error = np.abs(boundary.series[name].mean(axis=0) - formula)
-        assert error.max() < 5.5 * std / np.sqrt(n)
-    rh = boundary.series["W_a_in"] / moist_air.saturation_humidity_ratio(boundary.series["T_a_in"])
-    # W/W_s differs from the relative humidity by the factor (p - p_s)/(p - p_w), 1.5 % here.
-    assert np.abs(rh.mean(axis=0) - (0.56 - 0.05 * D)).max() < 0.012
+    for name, values in expected.items():
+        np.testing.assert_allclose(series[name], values, rtol=1e-12)
 
 
-def test_paper_day_mirrors_about_8_hours_and_repeats_after_16(monkeypatch):
-    monkeypatch.setattr(days, "DRIFTS", {name: Drift(0.0, drift.tau) for name, drift in days.DRIFTS.items()})
-    m_a = paper_day(40.0).series["m_a"][0]
-    t = np.arange(0, 8 * 3600, 97)
-    np.testing.assert_allclose(m_a[8 * 3600 + t], m_a[8 * 3600 - t], atol=1e-12)
-    np.testing.assert_allclose(m_a[16 * 3600 + t], m_a[t], atol=1e-12)
-    assert m_a[3600] == pytest.approx(1.15, abs=1e-15)
-    assert m_a[5 * 3600 + 1800] == pytest.approx(1.15 + 0.18, abs=1e-12)
+def test_heating_day_is_its_formula_with_a_stream_of_noise_for_each_signal():
+    n = 9 * 3600
+    series = {name: values[0] for name, values in fc.heating_day(9.0, 5, T_w_in=50.0).series.items()}
+    h, D, noise = np.arange(n) / 3600, slow_swing(n), noise_of(HEATING_DRIFTS, 5, n)
+    expected = {
+        "m_a": 0.9 + 0.2 * D + noise["m_a"],
+        "T_a_in": 12.0 + 2.0 * D + noise["T_a_in"],
+        "T_w_in": 50.0 + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
+        "T_set": np.resize(np.repeat(SET_POINTS, 1800), n) + 11.0,
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(series[name], values, rtol=1e-12)
 
 
 def test_paper_day_set_points_hold_30_minutes_and_repeat():
@@ -74,23 +83,11 @@ def test_a_seed_gives_the_same_day_alone_and_among_others():
     assert not paper_day(0.5, 11).has_day_dim
 
 
-@pytest.mark.parametrize("drift", days.DRIFTS.values(), ids=days.DRIFTS)
-def test_noise_has_the_stated_deviation_from_the_first_second_on(drift):
-    """Over 3000 seeds the standard error of a standard deviation is 1.3 %."""
-    samples = np.array([smooth_noise(1, drift, (seed, 0))[0] for seed in range(3000)])
-    assert samples.std() == pytest.approx(drift.std, rel=0.055)
-    assert abs(samples.mean()) < 4 * drift.std / np.sqrt(3000)
-
-
-def test_stationary_deviation_is_that_of_the_filters_impulse_response():
+def test_noise_is_white_noise_through_two_filters_over_the_deviation_of_their_impulse_response():
     k = 1 - np.exp(-1 / 60)
-    impulse = lfilter([k], [1, k - 1], lfilter([k], [1, k - 1], np.eye(1, 4000)[0]))
     raw = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(2,))).standard_normal(601)
-    for_hand = 0.0, 0.0
-    for x in raw:
-        first = for_hand[0] + k * (x - for_hand[0])
-        for_hand = first, for_hand[1] + k * (first - for_hand[1])
-    expected = for_hand[1] / np.sqrt(np.sum(impulse**2))
+    impulse, filtered = (lfilter([k], [1, k - 1], lfilter([k], [1, k - 1], x)) for x in (np.eye(1, 4000)[0], raw))
+    expected = filtered[-1] / np.sqrt(np.sum(impulse**2))
     assert smooth_noise(1, Drift(1.0, 60), (3, 2))[0] == pytest.approx(expected, rel=1e-10)
 
 
@@ -99,13 +96,11 @@ def test_stationary_deviation_is_that_of_the_filters_impulse_response():
     [
         ({"hours": 0}, ["hours = 0 h", "above 0"]),
         ({"hours": float("nan")}, ["hours = nan", "finite"]),
-        ({"hours": "8"}, ["hours = '8'", "number"]),
         ({"hours": None}, ["hours is missing"]),
         ({"hours": 1 / 7000}, ["whole number of seconds"]),
         ({"hours": 1e6}, ["hours = 1e+06 h", "8760"]),
         ({"seed": 2**32}, ["seed = 4294967296", "from 0 to 4294967295"]),
         ({"seed": "1"}, ["seed = '1'", "whole number"]),
-        ({"seed": [1, 2.5]}, ["seed = 2.5", "whole number"]),
         ({"seed": [4, 1, 4]}, ["seed has a number twice", "distinct"]),
         ({"seed": []}, ["seed is empty"]),
         ({"seed": range(10**7)}, ["seed has more than 1,000,000 items", "give fewer"]),
@@ -115,31 +110,9 @@ def test_paper_day_refuses(arguments, words):
     assert_only_problem(words, paper_day, **arguments)
 
 
-def test_the_series_are_those_of_the_docstring_but_for_small_noise():
-    day = fc.heating_day(hours=8, seed=range(12), T_w_in=50.0).series
-    h = np.arange(8 * 3600) / 3600
-    D = np.sin(np.pi * (h - 1) / 9)
-    for name, mean, std in (
-        ("m_a", 0.9 + 0.2 * D, 0.015),
-        ("T_a_in", 12.0 + 2.0 * D, 0.2),
-        ("T_w_in", 50.0 + np.sin(2 * np.pi * h / 1.5), 0.3),
-    ):
-        noise = day[name] - mean
-        assert abs(noise.mean()) < 0.3 * std
-        assert noise.std() == pytest.approx(std, rel=0.15)
-    assert np.array_equal(day["T_set"][0], np.repeat(SET_POINTS, 1800) + 11.0)
-
-
 def test_a_heating_day_refuses():
     assert_only_problem(["T_w_in = 400 degC"], fc.heating_day, T_w_in=400.0)
     assert_only_problem(["seed = -1", "from 0 to 4294967295"], fc.heating_day, seed=-1)
-
-
-def test_each_series_has_a_stream_of_noise_of_its_own():
-    day = fc.heating_day(0.5, 5).series
-    wanted = smooth_noise(1800, HEATING_DRIFTS["T_w_in"], (5, list(HEATING_DRIFTS).index("T_w_in")))
-    h = np.arange(1800) / 3600
-    np.testing.assert_allclose(day["T_w_in"][0], 60.0 + np.sin(2 * np.pi * h / 1.5) + wanted, rtol=0, atol=1e-12)
 
 
 def test_constant_day_is_constant_and_the_centre_of_paper_day():
@@ -164,10 +137,9 @@ def test_constant_day_is_constant_and_the_centre_of_paper_day():
 def test_constant_day_refuses():
     assert "give one of them" in only_problem(constant_day, W_a_in=0.01, relative_humidity=0.5)
     assert "relative_humidity = 56" in only_problem(constant_day, relative_humidity=56)
-    found = problems(constant_day, m_a=-1.0, T_w_in=280.0, T_set=[14.0, 15.0])
-    assert any("T_set has 2 samples" in text or "where T_set has 2" in text for text in found)
-    assert any("T_w_in = 280 degC" in text for text in found)
-    assert any("m_a = -1" in text for text in found)
+    found = "".join(problems(constant_day, m_a=-1.0, T_w_in=280.0, T_set=[14.0, 15.0]))
+    for words in ("T_set has 2", "T_w_in = 280 degC", "m_a = -1"):
+        assert words in found
 
 
 def test_design_day_outdoors_follows_the_handbooks_profile():

@@ -1,11 +1,10 @@
-"""Hourly weather: exact at full hours, straight between, mixed with return air; every mistake; a measured year."""
+"""Hourly weather: exact at full hours, straight between, mixed with return air; every mistake."""
 
 import warnings
 
 import numpy as np
 import pytest
 from helpers.refusals import problems
-from helpers.shared_data import measured
 from helpers.trend_logs import replaced
 
 from fastcoil.loops.boundary.weather import weather_day
@@ -119,19 +118,6 @@ def test_bad_weather_files(write):
     assert "T_dewpoint = -999 degC in row 9" in message(WEATHER_HEADER, missing)
     no_moisture = [[*r[:5], r[7]] for r in [WEATHER_HEADER, *WEATHER_ROWS]]
     assert "T_dewpoint and RH are both missing" in message(no_moisture[0], no_moisture[1:])
-
-
-def test_a_june_day_in_san_francisco():
-    boundary = quiet_weather_day(
-        measured("san_francisco_tmy3_hourly.csv"), month=6, day=16, hour=15, **PLANT | {"outdoor_fraction": 1.0}
-    )
-    series = boundary.series
-    # The file's rows of hour_of_year 3999 and 4006: 13.3 and 11.1 degC, dew point 9.4 and 8.3 degC.
-    assert series["T_a_in"][0, 0] == pytest.approx(13.3, abs=1e-9)
-    assert series["T_a_in"][0, 7 * 3600] == pytest.approx(11.1, abs=1e-9)
-    np.testing.assert_allclose(
-        moist_air.dew_point(series["W_a_in"][0, [0, 7 * 3600]], [101500, 101600]), [9.4, 8.3], atol=1e-9
-    )
 
 
 @pytest.mark.filterwarnings("ignore:hourly weather")

@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pytest
 from helpers.refusals import only_problem
-from helpers.shared_data import measured
 from helpers.weather_years import CSV_HEADER, epw, hours_from, tmy3
 
 from fastcoil.loops.boundary.weather import weather_day
@@ -144,15 +143,3 @@ def without(lines, word):
 )
 def test_a_file_that_is_not_as_it_was_distributed_is_refused(put, lines, options, words):
     assert words in only_problem(day_of, put(lines), **{"month": 6, "day": 15, "hour": 10} | options)
-
-
-@pytest.mark.parametrize("form", [epw, tmy3])
-def test_a_measured_year_in_each_format_is_the_year_of_the_csv_file(put, form):
-    own = measured("san_francisco_tmy3_hourly.csv")
-    table = np.genfromtxt(own, delimiter=",", names=True)
-    rows = [dict(zip(JUNE[0], line, strict=True)) for line in table.tolist()]
-    rows = [row | {name: int(row[name]) for name in ("month", "day", "hour")} for row in rows]
-    days = {"days": [15, 166, 300], "hour": 8}
-    ours, theirs = day_of(own, **days), day_of(put(form(rows)), **days)
-    for name in ("T_a_in", "W_a_in"):
-        np.testing.assert_allclose(theirs.series[name], ours.series[name], rtol=1e-12)

@@ -85,12 +85,8 @@ def test_a_leap_year_needs_a_leap_year(tmp_path):
     assert "site.epw has a 29 February, give a leap year" in only_problem(fc.weather_year, path, year=2023)
     path = made_weather(tmp_path, 20.0, days=60)
     assert "has no 29 February" in only_problem(fc.weather_year, path, year=2024)
-
-
-def test_the_year_of_a_leap_file_is_a_leap_year_even_where_it_is_found(tmp_path):
     path = tmp_path / "site.epw"
-    lines = epw(hours_from(2, 28, 72, leap=True))
-    path.write_text("\n".join(lines).replace("Sunday,1/1", "Wednesday, 2/28"))
+    path.write_text("\n".join(epw(hours_from(2, 28, 72, leap=True))).replace("Sunday,1/1", "Wednesday, 2/28"))
     assert str(fc.weather_year(path).start[0])[:10] == "2024-02-28"  # in 2001 it was one, too
     whole = fc.weather_year(made_weather(tmp_path, 20.0, days=366), **CALM | {"year": 2024})
     assert (whole.n_days, str(whole.start[-1])[:10]) == (366, "2024-12-31")
