@@ -12,7 +12,6 @@ import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.measured.coil_problem import COIL
-from fastcoil.measured.fit import poor
 
 pytestmark = pytest.mark.kernel
 
@@ -114,14 +113,6 @@ def test_zeros_of_a_sensor_that_is_off_are_left_out_and_counted():
     read = read_log(log, Wanted(("m_w", *INPUTS, "T_sup"), measured=("T_sup",)))
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(read.values["T_sup"])), np.arange(3000, 3050))
     assert "50 values left out: T_sup is 0, sensor off (first in row 3000)" in read.notes
-
-
-def test_a_log_that_the_model_cannot_explain_is_noted():
-    measured_values = np.array([10.0, 20.0])
-    assert (
-        "explains only 36 % of the variance of T_sup: check units"
-        in poor({"fit": 4.0}, measured_values, "T_sup", "units")[-1]
-    )
 
 
 # ------------------------------------------------------------------------------------------------------ what comes out

@@ -144,14 +144,6 @@ def test_mistakes_are_told_together_before_the_log_is_read():
     assert_only_problem(["sample_time = 1e-300", "from 0.1 to 3600"], fc.diagnose, "log.csv", sample_time=1e-300)
 
 
-def test_a_folder_in_the_place_of_the_figure_is_refused_before_anything_is_written(tmp_path):
-    (tmp_path / "found.png").mkdir()
-    said = CliRunner().invoke(main, ["diagnose", "log.csv", "-o", str(tmp_path / "found.toml")])
-    assert said.exit_code == 2
-    assert "is a folder: choose another name" in said.output
-    assert not (tmp_path / "found.toml").exists()
-
-
 def test_the_command_prints_the_answer_and_writes_what_is_asked(log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_log(log, tmp_path / "log.csv")

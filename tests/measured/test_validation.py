@@ -117,9 +117,11 @@ def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days):
     assert any(note.startswith("not validated: the coil is unstable at the flows") for note in problem.notes)
 
 
-def test_a_fit_to_round_off_is_not_called_worse_in_validation():
+def test_a_model_that_explains_little_is_noted_and_a_fit_to_round_off_is_not_called_worse_in_validation():
+    two = np.array([10.0, 20.0])
     for of_fit in (0.0, 1e-13):
-        assert poor({"fit": of_fit, "validation": 3e-13}, np.array([10.0, 20.0]), "T_sup", "units") == []
+        assert poor({"fit": of_fit, "validation": 3e-13}, two, "T_sup", "units") == []
+    assert "explains only 36 % of the variance of T_sup: check units" in poor({"fit": 4.0}, two, "T_sup", "units")[-1]
 
 
 def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):
