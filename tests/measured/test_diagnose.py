@@ -68,11 +68,13 @@ def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
     found = fc.diagnose(loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
     assert found.cause == "backlash"
     assert found.identified
+    assert any(line.startswith("Without the gap: error") and line.endswith("no hunting") for line in found.summary())
     assert found.backlash == pytest.approx(0.06, abs=0.01)
 
 
 def test_without_a_set_point_the_backlash_is_found_and_what_is_missing_is_said(log):
-    found = fc.diagnose(log.drop_vars("T_set"), stroke_time=90.0)
+    found = fc.diagnose(log.drop_vars("T_set"), stroke_time=90.0, sample_time=5.0)
+    assert any("the controller one every 5 s" in note for note in found.notes)
     assert found.backlash == pytest.approx(BACKLASH, abs=0.01)
     assert found.predictions is None
     assert np.isnan(found.indices.error_rms)

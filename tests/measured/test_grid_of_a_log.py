@@ -123,4 +123,5 @@ def test_openings_are_means_of_those_of_the_play_operator(width):
 
 def test_turns_count_what_comes_back_by_more_than_asked():
     assert turns(np.array([0.0, 0.5, 0.3, 0.6, 0.599, 0.7]), 0.01) == 2
+    assert turns(np.array([0.0, 0.5, 0.485, 0.6]), 0.01) == 2
     assert turns(np.linspace(0.0, 1.0, 50), 0.01) == 0
