@@ -68,7 +68,7 @@ def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
     found = fc.diagnose(loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
     assert found.cause == "backlash"
     assert found.identified
-    assert any(line.startswith("Without the gap: error") and line.endswith("no hunting") for line in found.summary())
+    assert any(line.startswith("With half the gain: error") and line.endswith("no hunting") for line in found.summary())
     assert found.backlash == pytest.approx(0.06, abs=0.01)
 
 
