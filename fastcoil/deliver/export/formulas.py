@@ -125,7 +125,8 @@ class Formulas(Variables):
 
     def _module_constant(self, name: str, value: Any, filename: str) -> str:
         called = self._named(plain_text(name).strip("_").upper(), ("constant", repr(value)))
-        self.constants.setdefault(called, (value, documented(filename, name)))
+        if called not in self.constants:
+            self.constants[called] = value, documented(filename, name)
         return called
 
     def _attribute(self, of: Any, node: ast.Attribute) -> Any:

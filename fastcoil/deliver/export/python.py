@@ -38,6 +38,7 @@ def names_in(text: str) -> list[str]:
     return [token.string for token in tokens if token.type == tokenize.NAME]
 
 
+@cache
 def definition_of(python: FunctionType) -> ast.FunctionDef | None:
     """The tree of a function; ``None`` where its source is not at hand."""
     code, source = python.__code__, _source(python.__code__.co_filename)
