@@ -16,9 +16,9 @@ from collections.abc import Mapping, Sequence
 from datetime import date, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, TypeAlias
 
-from fastcoil.base.arguments import checking, is_number, path_of, plain, text_of, whole_of
+from fastcoil.base.arguments import checking, number_of, path_of, text_of, whole_of
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import require_mappings
 from fastcoil.loops.boundary.air_handler import DAY, chosen_settings, outdoors_of, series_of_day, settings_of
@@ -28,45 +28,11 @@ from fastcoil.loops.boundary.weather_files import WEEKDAYS, Weather, read_weathe
 
 _FIRST_YEAR, _LAST_YEAR = 1970, 2199
 _USUAL_YEAR = 2001
-_MONTH_DAY = re.compile(r"(\d\d?)-(\d\d?)", re.ASCII)
+MonthDay: TypeAlias = tuple[int, int]
 
 
-class Calendar(NamedTuple):
-    """The year that a weather file stands for: its number, and whether the file has a 29th of February."""
-
-    year: int
-    leap: bool
-
-    def labels(self, first: tuple[int, int] | None, last: tuple[int, int] | None, available: range) -> list[int]:
-        """Days of the year from a date to another, across the end of the year if the last one comes first."""
-        low = available[0] if first is None else self._label("first_date", first)
-        high = available[-1] if last is None else self._label("last_date", last)
-        if low <= high:
-            return list(range(low, high + 1))
-        return [*range(low, 366 + self.leap), *range(1, high + 1)]
-
-    def _label(self, name: str, month_day: tuple[int, int]) -> int:
-        try:
-            day = date(2000 if self.leap else 2001, *month_day)
-        except ValueError:
-            raise InputError(f"{name} = 02-29: the weather has no 29 February, give another day") from None
-        return day.timetuple().tm_yday
-
-    def dates(self, labels: Sequence[int]) -> list[date]:
-        """Dates of days of the year; a day before the one in front of it is one of the next year."""
-        year, before, found = self.year, 0, []
-        for label in labels:
-            year += label < before
-            day = date(2000 if self.leap else 2001, 1, 1) + timedelta(days=label - 1)
-            if self.leap and year != self.year:
-                raise InputError("days go on into the next year, but the weather has a 29 February: end at 12-31")
-            found.append(day.replace(year=year))
-            before = label
-        return found
-
-
-def calendar_of(year: int | None, weather: Weather, file: str) -> Calendar:
-    """The year of a file; without one the first from 2001 on that fits the day of the week of its first row."""
+def _year_of(year: int | None, weather: Weather, file: str) -> int:
+    """The year that a file stands for; without one the first from 2001 on that fits the weekday of its first row."""
     hours, series = weather.series["hour_of_year"], weather.series
     leap = bool(hours[-1] > 8760)
     if "month" in series and "day" in series:
@@ -76,43 +42,65 @@ def calendar_of(year: int | None, weather: Weather, file: str) -> Calendar:
             raise InputError(f"year is missing: {file} does not tell the day of the week, give a year such as 2023")
         after = timedelta(days=int((hours[0] - 1.0) // 24.0))
         return next(
-            Calendar(one, leap)
+            one
             for one in range(_USUAL_YEAR, _USUAL_YEAR + 40)
             if isleap(one) == leap and WEEKDAYS[(date(one, 1, 1) + after).weekday()] == weather.first_weekday
         )
     if isleap(year) != leap:
         has, other = ("a", "a leap year") if leap else ("no", "a year that is no leap year")
         raise InputError(f"year = {year}: {file} has {has} 29 February, give {other}")
-    return Calendar(year, leap)
+    return year
 
 
-def month_day_of(name: str, value: object) -> tuple[int, int]:
+def _labels_between(first: MonthDay | None, last: MonthDay | None, available: range, year: int) -> list[int]:
+    """Days of the year from a date to another, across the end of the year if the last one comes first."""
+    if not isleap(year):
+        for name, month_day in (("first_date", first), ("last_date", last)):
+            if month_day == (2, 29):
+                raise InputError(f"{name} = 02-29: the weather has no 29 February, give another day")
+    low = date(year, *first).timetuple().tm_yday if first else available[0]
+    high = date(year, *last).timetuple().tm_yday if last else available[-1]
+    return list(range(low, high + 1)) if low <= high else [*range(low, 366 + isleap(year)), *range(1, high + 1)]
+
+
+def _dates_of(labels: Sequence[int], first_year: int) -> list[date]:
+    """Dates of days of the year; a day before the one in front of it is one of the next year."""
+    year, before, found = first_year, 0, []
+    for label in labels:
+        year += label < before
+        if isleap(first_year) and year != first_year:
+            raise InputError("days go on into the next year, but the weather has a 29 February: end at 12-31")
+        # in the next year it is the same date, whatever the number of the day
+        found.append((date(first_year, 1, 1) + timedelta(days=label - 1)).replace(year=year))
+        before = label
+    return found
+
+
+def _month_day_of(name: str, value: object) -> MonthDay:
     """Month and day of a text such as ``06-15``."""
     text = text_of(name, value)
-    match = _MONTH_DAY.fullmatch(text.strip())
+    match = re.fullmatch(r"(\d\d?)-(\d\d?)", text.strip(), re.ASCII)
     try:
-        month, day = (int(match[1]), int(match[2])) if match else (0, 0)
-        date(2000, month, day)
+        found = date(2000, int(match[1]), int(match[2])) if match else None
     except ValueError:
-        raise InputError(f"{name} = {shown(text)}: give month and day, such as 06-15") from None
-    return month, day
+        found = None
+    if found is None:
+        raise InputError(f"{name} = {shown(text)}: give month and day, such as 06-15")
+    return found.month, found.day
 
 
-def month_days_of(name: str, value: object) -> set[tuple[int, int]]:
-    """Several of them."""
-    return {month_day_of(name, one) for one in several_of(name, value, "give a list such as 01-01, 12-25")}
+def _month_days_of(name: str, value: object) -> set[MonthDay]:
+    return {_month_day_of(name, one) for one in several_of(name, value, "give a list such as 01-01, 12-25")}
 
 
-def hours_of(name: str, value: object) -> tuple[float, float]:
+def _hours_of(name: str, value: object) -> tuple[float, float]:
     """First and last hour of a day, in whole seconds."""
     cure = "give the hours of start and stop, such as 6, 20"
-    pair = several_of(name, value, cure)
-    if len(pair) != 2 or not all(is_number(hour) for hour in pair):
-        raise InputError(f"{name} = {shown(value)}: {cure}")
-    start, stop = (float(plain(hour)) for hour in pair)
-    if not 0.0 <= start < stop <= 24.0:
-        raise InputError(f"{name} = {start:g}, {stop:g}: give a start before the stop, from 0 to 24")
-    if any(abs(3600 * hour - round(3600 * hour)) > 1e-6 for hour in (start, stop)) or stop - start < 0.25:
+    pair = [number_of(name, hour, cure, least=0.0, most=24.0) for hour in several_of(name, value, cure)]
+    if len(pair) != 2 or not pair[0] < pair[1]:
+        raise InputError(f"{name} = {shown(value)}: give a start before the stop, from 0 to 24")
+    start, stop = pair
+    if any(abs(3600 * hour - round(3600 * hour)) > 1e-6 for hour in pair) or stop - start < 0.25:
         raise InputError(f"{name} = {start:g}, {stop:g}: give whole seconds (n / 3600), a quarter of an hour at least")
     return start, stop
 
@@ -228,20 +216,20 @@ def weather_year(
         years = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
         year = check.unless_none(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years)
         labels = check.unless_none(days_of, "days", days)
-        first = check.unless_none(month_day_of, "first_date", first_date)
-        last = check.unless_none(month_day_of, "last_date", last_date)
-        weekday = check(hours_of, "fan_hours", fan_hours)
-        weekend = check.unless_none(hours_of, "weekend_fan_hours", weekend_fan_hours)
-        free = check.unless_none(month_days_of, "holidays", holidays) or set()
+        first = check.unless_none(_month_day_of, "first_date", first_date)
+        last = check.unless_none(_month_day_of, "last_date", last_date)
+        weekday = check(_hours_of, "fan_hours", fan_hours)
+        weekend = check.unless_none(_hours_of, "weekend_fan_hours", weekend_fan_hours)
+        free = check.unless_none(_month_days_of, "holidays", holidays) or set()
         chosen = check(chosen_settings, given)
         if days is not None and not (first_date is None and last_date is None):
             check.problems.append("days and first_date, last_date are both given: give one of them")
     weather = read_weather(path, columns, units, pressure)
     outdoors = outdoors_of(weather, pressure, path.name)
-    calendar = calendar_of(year, weather, path.name)
+    year = _year_of(year, weather, path.name)
     if labels is None:
-        labels = calendar.labels(first, last, outdoors.days) if first or last else list(outdoors.days)
-    dates = calendar.dates(labels)
+        labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
+    dates = _dates_of(labels, year)
     if absent := [label for label in labels if label not in outdoors.days]:
         more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
         raise InputError(

@@ -217,7 +217,7 @@ def test_a_study_file_takes_the_same_arguments(tmp_path):
     ("options", "words"),
     [
         ({"year": None}, ["year is missing", "2023"]),
-        ({"fan_hours": [20, 6]}, ["fan_hours = 20, 6", "start before the stop"]),
+        ({"fan_hours": [20, 6]}, ["fan_hours = [20, 6]", "start before the stop"]),
         ({"fan_hours": [6, 6.1]}, ["quarter of an hour"]),
         ({"holidays": ["25.12."]}, ["holidays = '25.12.'", "06-15"]),
         ({"days": [5, 5]}, ["days has a day twice"]),
