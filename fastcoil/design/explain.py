@@ -10,7 +10,6 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, whole_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.results import card
 from fastcoil.design.answer import Found, Theory, answer_of, hints_of, sentences, why_of
 from fastcoil.design.cures import (
     cures_of,
@@ -92,10 +91,6 @@ class Explanation:
 
     def __repr__(self) -> str:
         return f"<fastcoil explanation: {answer_of(self._found)}>"
-
-    def _repr_html_(self) -> str:
-        first, *others = sentences(self._found)
-        return card("fastcoil explanation", first, others)
 
     def __str__(self) -> str:
         return self.text

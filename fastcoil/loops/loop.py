@@ -16,13 +16,11 @@ import xarray as xr
 
 from fastcoil.base.arguments import instance_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.base.results import Section, card
 from fastcoil.loops.assignment import NO_RULES, WORD, assigned, checked_value, table_of, taken, with_defaults, words_of
 from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, describe_parameters, take_parameters
-from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.presets import PRESETS, Preset
 from fastcoil.model.metric_table import METRICS
-from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
+from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, check_name
 from fastcoil.model.user_rules import KINDS, Rule
 
 _DEFAULTS = {p.name: p.default for p in PARAMETERS.values()}
@@ -197,9 +195,6 @@ class Loop:
                 differs.append(f"  {self.parameters[name].equation(value)}")
         return "\n".join([*text, *([f"Differs from {preset.name}:", *differs] if differs else [preset.name])])
 
-    def _repr_html_(self) -> str:
-        return html_of(self)
-
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Loop) or self._values.keys() != other._values.keys() or self._rules != other._rules:
             return False
@@ -267,41 +262,10 @@ def nearest_preset(loop: Loop) -> Preset:
     return min(PRESETS.values(), key=lambda preset: len(_differing(loop, preset)))
 
 
-def html_of(loop: Loop) -> str:
-    """For a notebook: what differs from the nearest preset, then every parameter by its part of the loop."""
-    preset, table = nearest_preset(loop), loop.parameters
-    differing = _differing(loop, preset)
-    sizes = ", ".join(f"{dim}: {size}" for dim, size in loop.sizes.items())
-    n = int(np.prod(list(loop.sizes.values()), dtype=int))
-    lines = [f"{n:,} scenarios ({sizes})"] if sizes else []
-    usual = {name: preset.value(table[name]) for name in differing}
-    changed = [
-        _row(table[n], loop[n], "" if v is None else f"instead of {_in_words(v, unit_in_words(table[n].unit))}")
-        for n, v in usual.items()
-    ]
-    sections = [Section(f"Differs from {preset.name}", changed, is_open=True)] if changed else []
-    groups: dict[str, list[Parameter]] = {}
-    for parameter in table.values():
-        groups.setdefault(parameter.group, []).append(parameter)
-    unused = set(ESTIMATOR_GROUPS) - words_used(loop, "estimator")
-    for group, parameters in groups.items():
-        given = [p for p in parameters if loop[p.name] is not None]
-        if given and (group not in unused or any(p.name in differing for p in given)):
-            sections.append(Section(group, [_row(p, loop[p.name]) for p in given], f"{len(given)}"))
-    return card("fastcoil.Loop", preset.name + (" with changes" if changed else ""), [preset.text, *lines], sections)
-
-
 def _differing(loop: Loop, preset: Preset) -> list[str]:
     """Parameters of another value than in a preset: those swept, then constants, in the order of the table."""
     constants = {name: loop.constants[name] for name in loop.parameters if name in loop.constants}
     return [*loop.swept, *preset.changed(constants, loop.parameters)]
-
-
-def _row(p: Parameter, value: Scalar | xr.DataArray, *beside: str) -> tuple[str, ...]:
-    """Name, value with its unit, what it is."""
-    dims = [f"{dim}: {size}" for dim, size in value.sizes.items()] if isinstance(value, xr.DataArray) else []
-    shown = _in_words(value, unit_in_words(p.unit)) + (f" ({', '.join(dims)})" if dims else "")
-    return (p.name, shown, *beside, p.label or p.text)
 
 
 def _in_words(value: Scalar | xr.DataArray, unit: str = "") -> str:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.base.results import Section, card
 
 Scalar = float | int | str
 LARGEST = sys.float_info.max
@@ -304,17 +303,6 @@ class Listing(dict[str, Parameter]):
     def __repr__(self) -> str:
         return "\n".join(lines_of(self.values()))
 
-    def _repr_html_(self) -> str:
-        sections = [
-            Section(group, [(p.name, _default(p), p.bounds, p.text) for p in of_group], is_open=len(self) < _FEW)
-            for group, of_group in ((group, list(some)) for group, some in groupby(self.values(), _group))
-        ]
-        return card("fastcoil.parameters", f"{len(self)} parameters of a loop", (), sections)
-
-
-_FEW = 12
-"""So few are not folded."""
-
 
 def lines_of(parameters: Iterable[Parameter]) -> list[str]:
     """A heading for each part of the loop, and a line for each parameter: default, unit, meaning, allowed values."""
@@ -330,9 +318,3 @@ def lines_of(parameters: Iterable[Parameter]) -> list[str]:
 
 def _group(p: Parameter) -> str:
     return p.group
-
-
-def _default(p: Parameter) -> str:
-    if p.default is None:
-        return "-"
-    return f"{p.default}" if p.unit in ("", "1") else f"{p.default} {p.unit}"

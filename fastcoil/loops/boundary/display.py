@@ -1,4 +1,4 @@
-"""A boundary as text, as a notebook card and as a figure."""
+"""A boundary as text and as a figure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style
-from fastcoil.base.results import Curves, Section, card
 from fastcoil.loops.boundary.clock import DAY
 from fastcoil.loops.boundary.samples import Samples
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
@@ -17,12 +16,6 @@ from fastcoil.loops.labels import unit_in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_CURVE_POINTS = 110
-"""Of a curve in a card, one a pixel."""
-_DAYS = 5
-"""Days drawn one over the other in a card, spread over all of them."""
-_LABELS = 8
 
 
 def text_of(days: Samples) -> str:
@@ -35,39 +28,6 @@ def text_of(days: Samples) -> str:
         for name, ends in days.own_extremes.items()
     ]
     return "\n".join([f"<fastcoil.Boundary {days.extent}{made}, sha256 {days.sha256[:8]}>", *lines])
-
-
-def html_of(days: Samples) -> str:
-    """For a notebook: a row for each series, with a small curve; of a stream its first day alone."""
-    n, words = days.n_days, ""
-    drawn = [days.of_day(int(k)) for k in np.unique(np.linspace(0, n - 1, 1 if days.is_streamed else _DAYS).round())]
-    if n > 1:
-        words = "of the first day, made day by day" if days.is_streamed else f"of {len(drawn)} of {n} days"
-    facts = [("samples", f"{n} x {days.n_steps:,}, one a second")]
-    if days.has_day_dim:
-        listed = ", ".join(map(str, days.day[:_LABELS].tolist()))
-        facts.append(("day", listed + (f", … {days.day[-1]}" if n > _LABELS else "")))
-    if days.start is not None:
-        facts.append(("start", str(days.start[0]).replace("T", " ")))
-        facts.append(("time zone", days.time_zone or "unknown"))
-    if days.is_streamed:
-        ranges = {name: (float(values.min()), float(values.max())) for name, values in drawn[0].items()}
-    else:
-        ranges = days.extremes
-        facts.append(("sha256", days.sha256))
-    rows = [
-        (name, _curves(drawn, name, words), _range(name, *ends), BOUNDARY_SERIES[name].long_name)
-        for name, ends in ranges.items()
-        if ends != (BOUNDARY_SERIES[name].default,) * 2
-    ]
-    sections = [Section("series", rows, words, is_open=True), Section("about", facts)]
-    return card("fastcoil.Boundary", days.extent, [], sections)
-
-
-def _curves(drawn: list[dict[str, Array]], name: str, words: str) -> Curves:
-    step = -(-drawn[0][name].size // _CURVE_POINTS)
-    means = [_binned(day[name], step)[0].tolist() for day in drawn]
-    return Curves.of(means, f"{name} over time {words}".rstrip())
 
 
 def _range(name: str, low: float, high: float) -> str:

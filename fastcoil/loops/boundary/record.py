@@ -19,7 +19,7 @@ from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.boundary.clock import Clock, clock_of
 from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of, whole_seconds
-from fastcoil.loops.boundary.display import draw, html_of, text_of
+from fastcoil.loops.boundary.display import draw, text_of
 from fastcoil.loops.boundary.samples import (
     Maker,
     Samples,
@@ -109,9 +109,6 @@ class Boundary(Samples):
 
     def __repr__(self) -> str:
         return text_of(self)
-
-    def _repr_html_(self) -> str:
-        return html_of(self)
 
     def plot(self) -> Figure:
         """The series over time, as a matplotlib ``Figure``; days that do not follow each other on top of each other."""
