@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -83,33 +83,6 @@ class Fit(Result):
     seconds: float
     extras: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
-    @classmethod
-    def of(
-        cls, data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
-        names: Sequence[str], covariance: Array, **others: Any,
-    ) -> Self:  # fmt: skip
-        """The fit of a log, begun at the time ``started``.
-
-        part: of each sample.  series: the measured and modelled ones with their units.  names, covariance: of the
-        estimated parameters.
-        """
-        columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
-        residuals = xr.Dataset(
-            {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
-            | {name: ("elapsed_time", values) for name, values in columns.items()},
-            {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})},
-        )
-        return cls(
-            source=data.name,
-            residuals=residuals,
-            standard_errors=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
-            covariance=xr.DataArray(
-                covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2")
-            ),
-            seconds=time.perf_counter() - started,
-            **others,
-        )
-
     @property
     def correlation(self) -> xr.DataArray:
         """Correlations of the estimates."""
@@ -168,6 +141,33 @@ class Fit(Result):
             cells = (f"{other} = {value:.4f}" for other, value in zip(names, row, strict=True))
             lines.append(f"{name} = {{ {', '.join(cells)} }}")
         return as_toml(lines, path)
+
+
+F = TypeVar("F", bound=Fit)
+
+
+def finished(
+    kind: type[F], data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
+    names: Sequence[str], covariance: Array, **others: Any,
+) -> F:  # fmt: skip
+    """The fit of a log, begun at the time ``started``.
+
+    part: of each sample.  series: the measured and modelled ones with their units.  names, covariance: of the
+    estimated parameters.
+    """
+    columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
+    return kind(
+        source=data.name,
+        residuals=xr.Dataset(
+            {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
+            | {name: ("elapsed_time", values) for name, values in columns.items()},
+            {"elapsed_time": ("elapsed_time", data.time, {"units": "s"})},
+        ),
+        standard_errors=dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        covariance=xr.DataArray(covariance, {"parameter": names, "parameter_2": names}, ("parameter", "parameter_2")),
+        seconds=time.perf_counter() - started,
+        **others,
+    )
 
 
 def is_fit(path: Path) -> bool:

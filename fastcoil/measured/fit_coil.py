@@ -26,7 +26,7 @@ from fastcoil.measured.coil_problem import (
     in_operation,
     record_of,
 )
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, natural_interval, poor, rmse_of
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, poor, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.model.parameter_table import PARAMETERS
@@ -180,8 +180,8 @@ def _fit_of(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit
     if marched:
         given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
         notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
-    return Fit.of(
-        data, started, part, series, [COIL[k] for k in estimated], covariance[np.ix_(estimated, estimated)],
+    return finished(
+        Fit, data, started, part, series, [COIL[k] for k in estimated], covariance[np.ix_(estimated, estimated)],
         kind="coil", unit="K", parameters=dict(zip(COIL, values.tolist(), strict=True)),
         intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
         profile=None, rmse=rmse, held=held, notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,

@@ -24,7 +24,7 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
 from fastcoil.measured.coil_problem import in_operation, number_in, on_seconds, require_days, require_temperatures
-from fastcoil.measured.fit import Fit, poor, profile_of, rmse_of
+from fastcoil.measured.fit import Fit, finished, poor, profile_of, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals
 from fastcoil.model.metric_table import WARM_UP
@@ -176,8 +176,8 @@ def _fit_of(problem: LoopProblem, solution: LoopSolution, started: float) -> Loo
         rmse, measured[fitted], "T_sup", "units, columns, and whether the loop is that of the log"
     )
     known = {} if why else {"backlash": solution.backlash}
-    return LoopFit.of(
-        data, started, part, series, list(known), np.full((len(known), len(known)), solution.error**2),
+    return finished(
+        LoopFit, data, started, part, series, list(known), np.full((len(known), len(known)), solution.error**2),
         kind="loop", unit="K", parameters=known, intervals=dict.fromkeys(known, solution.interval),
         profile=profile_of(solution.grid, solution.rmse, "K", solution.interval),
         rmse=rmse, held={"backlash": why} if why else {}, notes=notes,

@@ -14,7 +14,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, natural_interval, poor, profile_of, rmse_of
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, poor, profile_of, rmse_of
 from fastcoil.measured.lag import with_lag, without_lag
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
@@ -259,8 +259,8 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         "command": (problem.command, "1"),
         "opening": (openings, "1"),
     }
-    return Fit.of(
-        problem.data, started, part, series, names, covariance[np.ix_(estimated, estimated)],
+    return finished(
+        Fit, problem.data, started, part, series, names, covariance[np.ix_(estimated, estimated)],
         kind="valve", unit="kg/s", parameters=parameters, intervals=intervals, rmse=rmse, held=held, notes=notes,
         profile=profile_of(
             profiled.grid, np.sqrt(profiled.sums / n_compared), "kg s-1", found.interval, limit=limit
