@@ -147,7 +147,7 @@ F = TypeVar("F", bound=Fit)
 
 
 def finished(
-    kind: type[F], data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
+    cls: type[F], data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
     names: Sequence[str], covariance: Array, **others: Any,
 ) -> F:  # fmt: skip
     """The fit of a log, begun at the time ``started``.
@@ -156,7 +156,7 @@ def finished(
     estimated parameters.
     """
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
-    return kind(
+    return cls(
         source=data.name,
         residuals=xr.Dataset(
             {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
