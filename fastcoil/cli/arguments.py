@@ -31,13 +31,7 @@ PATH = UsablePath()
 
 
 def labels_of(at: str) -> dict[str, str]:
-    """Parse ``NAME=LABEL,...`` into dimension → label.
-
-    Raises
-    ------
-    InputError
-        For an item without ``=``, an overlong one, or a dimension given twice.
-    """
+    """Parse ``NAME=LABEL,...`` into dimension → label."""
     pairs = _pairs(at)
     dims = [dim for dim, _ in pairs]
     twice = [f"--at: {shown(dim)} is given twice: give it once" for k, dim in enumerate(dims) if dim in dims[:k]]

@@ -121,13 +121,7 @@ def max_gap_of(max_gap: Any) -> float | None:
 
 
 def log_of(name: str, source: Any) -> Any:
-    """A log as it can be read: the path of a CSV file, or a Dataset.
-
-    Raises
-    ------
-    InputError
-        If it is something else.
-    """
+    """A log as it can be read: the path of a CSV file, or a Dataset."""
     if hasattr(type(source), "data_vars"):
         return source
     return path_of(name, source, "give the path of a CSV file or an xarray.Dataset")

@@ -64,11 +64,6 @@ class Files:
         Our name → unit, for headers without one.
     time_format
         As of ``read_log``.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake.
     """
 
     def __init__(
@@ -237,11 +232,6 @@ def join_points(
     max_gap
         Longest time without a sample over which a point holds or runs straight [s]; if left out, three usual steps for
         a point of regular samples, no limit for one that is written when it changes.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake in the files or the arguments.
     """
     files = Files(paths, columns, units, time_format)
     points = sorted(files.points, key=lambda point: list(COLUMNS).index(point.name))

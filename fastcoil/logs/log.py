@@ -119,11 +119,6 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
         units as attributes.
     wanted, how
         The series to read, and how to read them.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake: column, row, cure.
     """
     table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, how.columns, COLUMNS)
     found = find_columns(table, how, wanted)

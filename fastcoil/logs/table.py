@@ -60,13 +60,7 @@ class Layout(NamedTuple):
 
 
 def read_layout(path: Path) -> Layout | None:
-    """The table in a file; None if the file is empty.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is no table.
-    """
+    """The table in a file; None if the file is empty."""
     text = read_text(path, "a CSV file", _LARGEST, utf_16=True)
     try:
         separator = _separator_of(text)
@@ -288,13 +282,7 @@ class Table:
 
     @classmethod
     def read(cls, path: str | Path) -> Table:
-        """Read a CSV file of at least two rows; blank lines are skipped.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be read, or its rows and its header do not match.
-        """
+        """Read a CSV file of at least two rows; blank lines are skipped."""
         path = Path(path)
         layout = read_layout(path)
         if layout is None:

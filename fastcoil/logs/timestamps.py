@@ -122,11 +122,6 @@ def read_dates(parts: list[Parts | None], row_numbers: list[int], cure: str) -> 
     """The times of a column of ``parts``; None is a cell that is no time.
 
     cure: how to give the format, for messages.
-
-    Raises
-    ------
-    InputError
-        If the order of day and month cannot be inferred, or time zones are mixed.
     """
     good = np.array([one is not None for one in parts])
     some = [one for one in parts if one is not None]
@@ -305,11 +300,6 @@ def read_stamps(cells: Sequence[str], row_numbers: list[int], time_format: str |
         As checked by ``time_format_of``; if None, the format is recognised.
     cure
         How to give a format, with ``{format}`` in it, for messages.
-
-    Raises
-    ------
-    InputError
-        If a format fits, but does not say which time is meant.
     """
     if time_format in (SERIAL, EPOCH):
         numbers = np.array([_number(cell) for cell in cells])

@@ -40,11 +40,6 @@ def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
     """Return a scalar in the parameter's type, or a DataArray of admissible values.
 
     value: a number, a word, a list (its own dimension), ``(dim, values)`` or a DataArray.
-
-    Raises
-    ------
-    InputError
-        For a wrong type, a value out of bounds, an empty or duplicated axis, or a dimension that cannot be swept.
     """
     if isinstance(value, xr.DataArray):
         return _checked_array(parameter, value) if value.ndim else checked_value(parameter, value.values)
@@ -163,13 +158,7 @@ def table_of(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
 
 
 def without_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
-    """The value of ``estimator`` or ``law`` with words in place of rules, and these rules.
-
-    Raises
-    ------
-    InputError
-        For a function that is no rule, or a rule of the other kind.
-    """
+    """The value of ``estimator`` or ``law`` with words in place of rules, and these rules."""
     if isinstance(value, Rule):
         if value.kind != name:
             raise InputError(f"{name}: {value.name} is made with @fc.{value.kind}: give {value.kind} = {value.name}")
@@ -200,11 +189,6 @@ def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str
     """The rules known so far with new ones; one of the same name is replaced.
 
     used: names of the rules that are now used.  Those that are not give way where names of parameters clash.
-
-    Raises
-    ------
-    InputError
-        If two of the rules have one name, or declare one parameter differently.
     """
     found: dict[str, Rule] = {}
     for rule in new:
@@ -249,13 +233,7 @@ MEANING = " and ".join(f"{name} = {value!r}" for name, value in CONVERGED.items(
 
 
 def expanded(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The changes of a loop with the parameters that ``converged`` stands for; False changes nothing.
-
-    Raises
-    ------
-    InputError
-        Unless it is True or False, or with those parameters beside it.
-    """
+    """The changes of a loop with the parameters that ``converged`` stands for; False changes nothing."""
     rest = {name: value for name, value in changes.items() if name != WORD}
     if WORD not in changes or not flag_of(WORD, changes[WORD]):
         return rest

@@ -27,11 +27,6 @@ def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
 
     T_set: all the set-points that the loop will see, °C.  least_scale: the least that the boundary multiplies the
     backlash by.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each clash.
     """
     problems = _estimate_clashes(loop) + _stem_clashes(loop, least_scale)
     problems += _unread_parameters(loop) + missing_parameters(loop) + controller_clashes(loop, T_set)

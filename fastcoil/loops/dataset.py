@@ -197,13 +197,7 @@ _CURE = "give a Dataset of fastcoil.simulate or open_study"
 
 
 def check_result(ds: xr.Dataset) -> None:
-    """Refuse anything but the result of a simulation or a study.
-
-    Raises
-    ------
-    InputError
-        If it is no Dataset, has no ``status``, or has something else than numbers under the name of a metric.
-    """
+    """Refuse anything but the result of a simulation or a study."""
     instance_of("ds", ds, xr.Dataset, _CURE)
     if "status" not in ds:
         raise InputError(f"ds has no status: {_CURE}")

@@ -234,13 +234,7 @@ def plan_simulation(
     carry_over: bool = False,
     traces_on_disk: bool = False,
 ) -> Plan:
-    """Validate the arguments of ``simulate``: nothing is allocated and nothing runs.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake.
-    """
+    """Validate the arguments of ``simulate``: nothing is allocated and nothing runs."""
     with checking() as check:
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")

@@ -29,12 +29,6 @@ def check_stability(layout: Layout) -> None:
 
     Flows are the largest that can occur: water at full opening, air over the boundary's series.  The wet λ takes
     dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
-
-    Raises
-    ------
-    InputError
-        With the number of scenarios, the worst one, and what would be stable: ``substeps``, fewer ``n_volumes``, or
-        more of the capacitance at fault.
     """
     coil = _coil_and_valve(layout)
     boundary = layout.boundary

@@ -60,11 +60,6 @@ class Controller:
     """The parameters of one controller, its words by their parameter, and its rules as laws.
 
     own: names of the user's rules that it has.  estimating, deciding: the estimator, and the law in place of the PI.
-
-    Raises
-    ------
-    InputError
-        If the loop is a sweep, cannot run in fixed cycles, or has a rule that cannot be translated.
     """
 
     def __init__(self, loop: Loop) -> None:

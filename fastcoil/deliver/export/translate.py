@@ -93,13 +93,7 @@ class Translator(Formulas):
         """Fields of the memory that do not keep their first value."""
 
     def port(self) -> Port:
-        """The laws of the rule.
-
-        Raises
-        ------
-        InputError
-            With a sentence, where the rule has something that the languages have not.
-        """
+        """The laws of the rule."""
         for _ in range(_MOST_ROUNDS):
             try:
                 return self._port()

@@ -342,11 +342,6 @@ class Boundary(Samples):
             How ``timestamp`` is written: a pattern such as ``"%d/%m/%Y %H:%M"``, ``"excel"`` for serial days,
             ``"epoch"`` for seconds or milliseconds since 1970.  If left out it is recognised, or refused where two
             readings fit.
-
-        Raises
-        ------
-        InputError
-            With one sentence for each mistake in the file or the arguments: column, row, cure.
         """
         with checking() as check:
             path = check(path_of, "path", path, "give the path of a CSV file")

@@ -42,11 +42,6 @@ class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
             with ``threshold`` the shares that are below and above it by as much, with their intervals; ``pairs``,
             their number; and ``never``, how many of them have a value that never came, if any has.  The label of the
             baseline itself is left out, and so is a metric without any pair.
-
-        Raises
-        ------
-        InputError
-            If the statistics were picked from: call it before ``.sel(statistic=…)``.
         """
         import pandas as pd
 

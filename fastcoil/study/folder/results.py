@@ -150,11 +150,6 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
     """Match the scenarios of an earlier result with those of a plan, by everything their outcome depends on.
 
     attrs: those that the results of the plan will have.
-
-    Raises
-    ------
-    InputError
-        If something else changed on which the results depend, or the plan lacks a scenario of ``earlier``.
     """
     differs = [words for name, words in _MUST_AGREE.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
     if not same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):

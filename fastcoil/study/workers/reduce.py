@@ -45,12 +45,6 @@ def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
     xarray.Dataset
         What the function returns: numbers over (scenario, …), with the labels of the further dimensions and those
         attributes that describe a number in words.
-
-    Raises
-    ------
-    InputError
-        If the function raises, if it does not return such a Dataset, or if its answer for the last scenario depends on
-        the others.
     """
     traces = _protect(traces)
     reduced = _call(reduction, traces)
