@@ -102,12 +102,10 @@ def fit_page(fit: Fit) -> Page:
 def _answer_of(fit: Fit) -> list[str]:
     """The size of the gap, and the error of the model where it was fitted, where it was not, and without the gap."""
     rmse, unit, lines = fit.rmse, fit.unit, []
-    if "backlash" in fit.parameters and "backlash" in fit.intervals:
-        low, high = (f"{number(100 * bound)}" for bound in fit.intervals["backlash"])
-        lines.append(
-            f"The gap is {number(100 * fit.parameters['backlash'])} % of the stroke (95 %: {low} to {high} %)."
-        )
-    elif fit.kind != "coil":
+    if "backlash" in fit.intervals:
+        gap, low, high = (number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
+        lines.append(f"The gap is {gap} % of the stroke (95 %: {low} to {high} %).")
+    elif fit.kind != "coil" and "backlash" not in fit.parameters:
         why = fit.held.get("backlash", "see what to mind")
         lines.append(f"The log does not identify the size of the gap: {why}.")
     if VALIDATION not in rmse:

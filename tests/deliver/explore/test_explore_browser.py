@@ -58,6 +58,7 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     assert data_of(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
     assert data_of(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
     traces, cells, ring = data_of(page, "traces", "T_sup"), data_of(page, "cells", "value"), data_of(page, "here", "x")
+    assert (ring, data_of(page, "here", "y")) == ([2], [7])  # Ti 8 s, Kp 0.03/K
     press(page, TI, 7)
     assert text_of(page, "headline").startswith("The loop does not hunt")
     assert text_of(page, "outcome").startswith("Simulated: does not hunt")

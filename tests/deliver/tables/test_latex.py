@@ -62,6 +62,8 @@ def test_shares_are_means_what_never_came_is_a_word_and_what_failed_takes_no_par
         assert row[-1] == "never"
     failed = ds.copy(deep=True)
     failed.rmse[0, 0, 0], failed.status[0, 0, 0] = 1e6, 1
+    failed.learn_time_reached[0, 0, 1:] = 3600.0
+    assert "never" not in rows_of(latex_of(failed, ["learn_time_reached"]))[0][-1]
     text = latex_of(failed, ["rmse"])
     assert numbers(rows_of(text)[0][-1])[0] == pytest.approx(np.median(ds.rmse.values[0, 0, 1:]), abs=5e-4)
     assert "% Median (10th to 90th percentile) over 9 days; without 1 scenario, which failed." in text
