@@ -93,7 +93,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     from fastcoil.base.figures import write
     from fastcoil.base.files import exists
     from fastcoil.base.progress import progress_of_command
-    from fastcoil.design.kept_tunings import KEPT
+    from fastcoil.design.search import KEPT
     from fastcoil.design.tune import in_scenario_days, run_tuning
     from fastcoil.loops.simulate import workers
     from fastcoil.study.file.spec import read_study

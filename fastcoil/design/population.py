@@ -21,7 +21,7 @@ from fastcoil.design.limit_cycle import limit_cycle
 from fastcoil.design.linearise import linearise
 from fastcoil.design.measures import MARGIN, Measure
 from fastcoil.design.operating_points import mean_conditions
-from fastcoil.design.search_space import Space
+from fastcoil.design.tuning_plan import Space
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.scenarios import columns_of

@@ -1,7 +1,6 @@
 """Distance from hunting and shares of the phase, on plants whose answers are known."""
 
 import math
-import re
 
 import control
 import numpy as np
@@ -9,20 +8,19 @@ import pytest
 from helpers.first_order_plants import first_order_plants, together
 
 import fastcoil as fc
-from fastcoil.design.answer import hints_of
-from fastcoil.design.cures import shortest_ti
-from fastcoil.design.explain import theory_of
-from fastcoil.design.limit_cycle import cycles_of
-from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.phase_budget import (
+from fastcoil.design.cures import (
     PARTS,
     Prediction,
     cycles_at,
     gain_margin_without_backlash,
     phase_shares,
     response_of,
+    shortest_ti,
     simc_gains,
 )
+from fastcoil.design.explain import theory_of
+from fastcoil.design.limit_cycle import cycles_of
+from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.loops.scenarios import columns_of
 
 GAIN, LAG = -15.0, 100.0
@@ -118,21 +116,3 @@ def test_simc_is_that_of_the_plant():
     kp, ti = simc_gains(loop, predicted(loop, 20))
     assert kp == pytest.approx(LAG / (2.0 * 20.5 * -GAIN), rel=0.15)  # two points of a step give the delay so well
     assert ti == pytest.approx(LAG, rel=0.03)
-
-
-def test_a_slow_sensor_that_takes_much_of_the_phase_is_named_with_what_a_fast_one_would_do():
-    loop = tuned(5.0, 0.5, sensor_time_constant=40.0)
-    hints = hints_of(loop, theory_at(loop, 10))
-    fast = cycles_at(loop.assign(sensor_time_constant=5.0), predicted(loop, 10).plants, np.zeros(1, np.int64)).margin
-    assert len(hints) == 1
-    assert hints[0].startswith("The sensor takes")
-    assert hints[0].endswith(f"with 5 s the margin would be {fast[0, 0]:.2g}.")
-
-
-def test_a_perfect_valve_is_reported_when_its_loop_will_hunt_as_it_wears():
-    def hints(rho):
-        loop = tuned(3.0, rho).assign(backlash=0.0)
-        return hints_of(loop, theory_at(loop, 20))
-
-    assert re.fullmatch(r"With a backlash of 2 % the margin would be [\d.]+: as the valve .*", *hints(0.3))
-    assert hints(1.5) == ()

@@ -5,7 +5,7 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 import fastcoil as fc
-from fastcoil.design.search_space import space_of
+from fastcoil.design.tuning_plan import space_of
 
 
 @pytest.fixture(scope="module")

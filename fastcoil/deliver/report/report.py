@@ -11,7 +11,7 @@ from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, WrongType
 from fastcoil.base.files import exists, is_folder
 from fastcoil.deliver.report.page import Page, require_page
-from fastcoil.design.kept_tunings import KEPT
+from fastcoil.design.search import KEPT
 from fastcoil.study.folder.folder import require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST
 from fastcoil.study.folder.result_files import RESULTS

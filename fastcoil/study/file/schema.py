@@ -15,7 +15,7 @@ from typing import Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter
 
-from fastcoil.design.search_space import may_be_searched
+from fastcoil.design.tuning_plan import may_be_searched
 from fastcoil.loops.assignment import FORBIDDEN_DIMS, MEANING, WORD
 from fastcoil.loops.boundary.conditions import CONDITIONS
 from fastcoil.loops.boundary.days import DESIGNS
