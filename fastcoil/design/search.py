@@ -33,7 +33,7 @@ _LARGEST = 2**28
 class Archive:
     """Tunings by their values, in the order in which they were tried.
 
-    parameters, measures: names of the columns.  key: see ``population.key_of``.  path: file that keeps them, if any.
+    parameters, measures: names of the columns.  key: see ``tuning_plan.key_of``.  path: file that keeps them, if any.
     """
 
     def __init__(self, parameters: Sequence[str], measures: Sequence[str], key: str, path: Path | None) -> None:

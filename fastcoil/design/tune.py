@@ -15,9 +15,21 @@ from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.base.files import may_be_file
 from fastcoil.base.progress import Shown, progress_of_call
 from fastcoil.design.measures import resolved, violation, with_intervals
-from fastcoil.design.population import Group, Run, as_it_is, key_of, measured, own_gains, tried
 from fastcoil.design.search import Archive, Scores, best, evolve, on_front
-from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE, Asked, plan_tuning
+from fastcoil.design.tuning_plan import (
+    EVALUATIONS,
+    OBJECTIVE,
+    QUANTILE,
+    Asked,
+    Group,
+    Run,
+    as_it_is,
+    key_of,
+    measured,
+    own_gains,
+    plan_tuning,
+    tried,
+)
 from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, notes_on
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop

@@ -1,24 +1,36 @@
-"""What may be searched, between which bounds, and what is asked of a tuning, checked before anything runs."""
+"""What is asked of a tuning, its valves and days, training and held out, and trying settings on them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import json
+import math
+import warnings
+from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, is_number, mapping_of, plain, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.design.describing_function import unknown
+from fastcoil.design.limit_cycle import limit_cycle
+from fastcoil.design.linearise import linearise
 from fastcoil.design.measures import MARGIN, TRAVEL, Limit, Measure, goal_of, limits_of, reported
-from fastcoil.design.population import TUNING, Group, require_margins, split
+from fastcoil.design.operating_points import mean_conditions
 from fastcoil.design.search import effort
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes
-from fastcoil.loops.loop import Loop
+from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.plan import RUN_LIMITS, plan_simulation
+from fastcoil.loops.scenarios import columns_of
+from fastcoil.loops.simulate import simulate
 from fastcoil.model.metric_table import WARM_UP
+from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.model.parameter_table import Parameter, check_name
 
 _GROUPS = ("controller", "inverse", "estimator", "learner", "hagglund", "gradient", "identify")
@@ -225,3 +237,241 @@ def _at_the_corners(loop: Loop, space: Space) -> Loop:
     at = {name: (TUNING, [corner[k] for corner in corners]) for k, name in enumerate(space.names[:_MOST_CORNERS])}
     rest = {axis.parameter.name: axis.low for axis in space.axes[_MOST_CORNERS:]}
     return loop.assign(**at, **rest)
+
+
+ONE_OF = 3
+"""One valve of so many is held out, and one day."""
+VALVE, TUNING = "sample", "tuning"
+"""Dim of the population once its own dims are flattened; dim of the tunings that it is tried with."""
+
+
+class Group(NamedTuple):
+    """Valves on days; ``members`` are the valves' flat positions in the loop's own dims."""
+
+    loop: Loop
+    boundary: Boundary
+    members: tuple[int, ...]
+
+    @property
+    def words(self) -> str:
+        valves, days = len(self.members), self.boundary.n_days
+        return f"{valves:,} valve{'s' * (valves > 1)} × {days:,} day{'s' * (days > 1)}"
+
+
+def held_valves(backlash: np.ndarray, seed: int) -> np.ndarray:
+    """One of every three valves, drawn, in the order of their backlash (n,); sorted positions.
+
+    So both groups have good valves and bad ones alike; what is left over at the end is not held out.
+    """
+    order = np.argsort(backlash, kind="stable")
+    threes = order[: order.size // ONE_OF * ONE_OF].reshape(-1, ONE_OF)
+    drawn = np.random.default_rng([seed, 1]).integers(0, ONE_OF, threes.shape[0])
+    return np.sort(threes[np.arange(threes.shape[0]), drawn])
+
+
+def part_of(loop: Loop, members: np.ndarray) -> Loop:
+    """These members of the population, along one dim."""
+    if not loop.sizes:
+        return loop
+    columns = columns_of(loop, loop.sizes, members)
+    return loop.assign(**{name: (VALVE, columns[name]) for name in loop.swept})
+
+
+def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]:
+    """The days to tune on, and those held out: another boundary, labels of days, or by default the last third."""
+    n = boundary.n_days
+    if isinstance(holdout, Boundary):
+        _require_comparable(boundary, holdout)
+        return boundary, holdout.isel(day=np.arange(holdout.n_days))
+    if holdout is None:
+        if n < 2:
+            raise InputError(
+                "boundary is a single day, so that none is left to hold out: give several days, such as "
+                "paper_day(seed=[1, 2, 3]), or others with holdout=…"
+            )
+        held = np.arange(n - max(1, n // ONE_OF), n)
+    else:
+        held = _labelled(boundary, holdout)
+    kept = np.setdiff1d(np.arange(n), held)
+    return boundary.isel(day=kept), boundary.isel(day=held)
+
+
+def _labelled(boundary: Boundary, holdout: Any) -> np.ndarray:
+    cure = "give a Boundary of other days, or labels of some days of the boundary, such as [3, 4]"
+    listed = isinstance(holdout, (list, tuple, range)) or (isinstance(holdout, np.ndarray) and holdout.ndim == 1)
+    labels = [plain(label) for label in holdout] if listed else []
+    if not labels or not all(map(is_number, labels)):
+        raise InputError(WrongType(f"holdout = {shown(holdout)}: {cure}"))
+    known = boundary.day.tolist()
+    unknown = [label for label in labels if label not in known]
+    if unknown:
+        raise InputError(f"holdout: the boundary has no day {shown(unknown[0])}; it has {shown(known)}")
+    held = np.array(sorted({known.index(label) for label in labels}))
+    if held.size == boundary.n_days:
+        raise InputError(f"holdout has all {held.size} days of the boundary: leave some to tune on")
+    return held
+
+
+def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
+    if holdout.n_steps != boundary.n_steps:
+        raise InputError(
+            f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long, since travel adds up"
+        )
+
+    def digest_of(days: Boundary, k: int) -> bytes:
+        return hashlib.sha256(b"".join(values.tobytes() for values in days.of_day(k).values())).digest()
+
+    before = {digest_of(boundary, k): boundary.day[k] for k in range(boundary.n_days)}
+    for k in range(holdout.n_days):
+        same = before.get(digest_of(holdout, k))
+        if same is not None:
+            raise InputError(
+                f"holdout: its day {holdout.day[k]} is day {same} of the boundary: give days that it does not have"
+            )
+
+
+def split(loop: Loop, boundary: Boundary, holdout: object, seed: int) -> tuple[Group, Group]:
+    """The valves and days to tune on, and others to try the tuning on; with fewer than three valves the same ones."""
+    n = math.prod(loop.sizes.values())
+    tuned_on, tried_on = split_days(boundary, holdout)
+    backlash = np.broadcast_to(columns_of(loop, loop.sizes, np.arange(n))["backlash"], n)
+    held = held_valves(backlash, seed)
+    everyone = np.arange(n)
+    kept, held = (np.setdiff1d(everyone, held), held) if held.size else (everyone, everyone)
+    return (
+        Group(part_of(loop, kept), tuned_on, tuple(kept.tolist())),
+        Group(part_of(loop, held), tried_on, tuple(held.tolist())),
+    )
+
+
+def has_good_valve(loop: Loop) -> bool:
+    """Whether a valve without backlash is in the population."""
+    return bool(np.any(np.asarray(xr.DataArray(loop["backlash"])) == 0.0))
+
+
+def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
+    """Margin of every loop on every day, at the mean conditions of the seconds that count."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of loops without a margin: an infinite one breaks every limit
+        return limit_cycle(loop, mean_days(boundary, warm_up), at=0)[MARGIN].reset_coords(drop=True)
+
+
+def require_margins(loop: Loop) -> None:
+    """Refuse loops about which theory says nothing, with a sentence for each reason."""
+    index = np.arange(math.prod(loop.sizes.values()))
+    reasons = [reason for reason, where in unknown(columns_of(loop, loop.sizes, index)).items() if np.any(where)]
+    if reasons:
+        raise InputError([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
+
+
+def theory_sha256() -> str:
+    """Hash of the sources that decide a margin."""
+    digest = hashlib.sha256()
+    for name in ("plants", "operating_points", "linearise", "describing_function", "limit_cycle"):
+        digest.update(name.encode() + b"\0" + Path(__file__).with_name(f"{name}.py").read_bytes())
+    return digest.hexdigest()
+
+
+def mean_days(boundary: Boundary, warm_up: int) -> Boundary:
+    """Days of one second with the mean conditions of those that count; of all, where the plant is off throughout."""
+    found = mean_conditions(boundary, warm_up)
+    for k in np.flatnonzero(np.isnan(found["T_set"])):
+        for name, values in boundary.of_day(int(k)).items():
+            if name in found:
+                found[name][k] = values.mean()
+    return Boundary(**{name: means[:, None] for name, means in found.items()}, enabled=1.0, day=boundary.day)
+
+
+GAINS = ("kp", "ti")
+
+
+def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
+    """kp and ti after SIMC for each valve of a group, (valve,): the median of its days at their mean conditions.
+
+    A valve that cannot hold the set-point on any day gets the median of the others.  Empty where kp and ti are not what
+    is searched, or SIMC gives no valve anything.
+    """
+    if not set(GAINS) <= set(space.names):
+        return {}
+    ds = linearise(group.loop, mean_days(group.boundary, warm_up), at=0)
+    n = len(group.members)
+    found = {}
+    for name in GAINS:
+        given = ds[f"{name}_simc"].where(ds["reachable"])
+        values = given.transpose("day", ...).values.reshape(group.boundary.n_days, -1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of valves without a day: reported above
+            of_valves = np.broadcast_to(np.nanmedian(values, axis=0), n)
+            found[name] = np.where(np.isfinite(of_valves), of_valves, np.nanmedian(of_valves))
+    usable = all(np.isfinite(values).all() and (values > 0.0).all() for values in found.values())
+    return found if usable else {}
+
+
+_MOST_AT_ONCE = 200_000
+"""Scenarios of one sweep: bounds the memory that a generation takes."""
+
+
+class Run(NamedTuple):
+    """How every tuning is tried; none of the numbers depends on ``n_jobs``."""
+
+    warm_up: int
+    seed: int
+    replicates: int
+    n_jobs: int
+
+
+def tried(group: Group, space: Space, values: Array, run: Run, measures: Sequence[Measure]) -> dict[str, Array]:
+    """Metrics of tunings (n, d) on a group: metric → (n, day, valve, replicate)."""
+    per_tuning = len(group.members) * group.boundary.n_days * run.replicates
+    step = max(1, _MOST_AT_ONCE // per_tuning)
+    parts = []
+    for k in range(0, len(values), step):
+        given = {name: (TUNING, column[k : k + step]) for name, column in zip(space.names, values.T, strict=True)}
+        parts.append(_cases(group.loop.assign(**given), group.boundary, run, measures))
+    return {metric: np.concatenate([part[metric] for part in parts]) for metric in parts[0]}
+
+
+def as_it_is(
+    group: Group, run: Run, measures: Sequence[Measure], own: Mapping[str, Array] | None = None
+) -> dict[str, Array]:
+    """The same for the loop as it came, or with each valve's ``own`` gains, (valve,): metric → (1, day, …)."""
+    changes = {name: (VALVE, values) for name, values in (own or {}).items()}
+    return _cases(group.loop.assign(**changes), group.boundary, run, measures)
+
+
+def _cases(loop: Loop, boundary: Boundary, run: Run, measures: Sequence[Measure]) -> dict[str, Array]:
+    metrics = list(dict.fromkeys(measure.metric for measure in measures))
+    ds = simulate(
+        loop, boundary, warm_up=run.warm_up, seed=run.seed, replicates=run.replicates, n_jobs=run.n_jobs,
+        progress=False,
+    )  # fmt: skip
+    found = {metric: ds[metric] for metric in metrics if metric != MARGIN}
+    if MARGIN in metrics:
+        found[MARGIN] = margins(loop, boundary, run.warm_up)
+    order, cases = (TUNING, "day", VALVE, "replicate"), {}
+    for metric, values in found.items():
+        missing = [dim for dim in order if dim not in values.dims]
+        whole = values.reset_coords(drop=True).expand_dims(missing).transpose(*order)
+        cases[metric] = np.asarray(whole.values, dtype=float)
+    return cases
+
+
+def measured(cases: Mapping[str, Array], measures: Sequence[Measure]) -> dict[str, Array]:
+    """The measures (n,) from metrics of all cases (n, …)."""
+    return {m.name: m.of(cases[m.metric].reshape(len(cases[m.metric]), -1)) for m in measures}
+
+
+def key_of(group: Group, space: Space, run: Run, measures: Sequence[Measure]) -> str:
+    """Hash of everything that decides what is measured of a tuning: the model, the valves, the days, the noise."""
+    loop = group.loop
+    digest = hashlib.sha256(model_sha256(frozenset(words_used(loop, "estimator"))).encode())
+    known = {name: value for name, value in loop.constants.items() if name not in space.names}
+    parts = [json.dumps(known), group.boundary.sha256, json.dumps([run.warm_up, run.seed, run.replicates])]
+    parts += [json.dumps([measure.name for measure in measures]), json.dumps(space.names)]
+    parts += [theory_sha256() for measure in measures if measure.metric == MARGIN]
+    parts += [rule.code_sha256 for rule in loop.rules.values()]
+    digest.update("\0".join(parts).encode())
+    for name, value in loop.swept.items():
+        if name not in space.names:
+            digest.update(f"{name}{value.values.tolist()}".encode())
+    return digest.hexdigest()

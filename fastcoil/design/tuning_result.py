@@ -15,8 +15,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.base.results import Result, as_toml, in_toml
 from fastcoil.design.measures import CHANGE, Limit, Measure
-from fastcoil.design.population import ONE_OF, has_good_valve
-from fastcoil.design.tuning_plan import Asked
+from fastcoil.design.tuning_plan import ONE_OF, Asked, has_good_valve
 from fastcoil.loops.labels import quantity
 from fastcoil.model.parameter_table import PARAMETERS
 

@@ -16,8 +16,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.design.measures import Measure, with_intervals
-from fastcoil.design.population import Group, own_gains
-from fastcoil.design.tuning_plan import space_of
+from fastcoil.design.tuning_plan import Group, own_gains, space_of
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.model.metric_table import WARM_UP
 from studies.common import along, change_in_words, mean_change, share_of, signed, write_table

@@ -5,7 +5,7 @@ import pytest
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.design.population import held_valves, part_of, split
+from fastcoil.design.tuning_plan import held_valves, part_of, split
 
 
 @pytest.fixture(scope="module")

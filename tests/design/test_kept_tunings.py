@@ -8,8 +8,7 @@ from helpers.refusals import only_problem
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError
 from fastcoil.design import tune as module
-from fastcoil.design.population import Run, key_of
-from fastcoil.design.tuning_plan import plan_tuning
+from fastcoil.design.tuning_plan import Run, key_of, plan_tuning
 
 pytestmark = pytest.mark.kernel
 

@@ -5,8 +5,7 @@ import pytest
 from helpers.refusals import only_problem
 
 import fastcoil as fc
-from fastcoil.design.population import margins
-from fastcoil.design.tuning_plan import plan_tuning
+from fastcoil.design.tuning_plan import margins, plan_tuning
 
 pytestmark = pytest.mark.kernel
 

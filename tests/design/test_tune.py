@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.design import population
+from fastcoil.design import tuning_plan as population
 from fastcoil.design.tuning_plan import plan_tuning
 from fastcoil.study.file.loop import read_includes
 
