@@ -2,5 +2,6 @@
 
 Read ``plants`` (rest, response, open loop), ``operating_points``, ``linearise`` (margins, SIMC, lambda, Ziegler and
 Nichols) and ``frequency_figures`` (bode, nyquist); ``describing_function`` and ``limit_cycle``; then ``cures``,
-``answer`` and ``explain``.  Tuning goes from ``measures`` and ``search`` over ``tuning_plan`` to ``tuning_result`` and ``tune``.
+``answer`` and ``explain``.  Tuning goes from ``measures`` and ``search`` over ``tuning_plan`` to ``tuning_result``
+and ``tune``.
 """
