@@ -18,10 +18,8 @@ EXIT_INTEGRITY = 6
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
-_LONGEST = 60
-"""Characters of a value quoted in a message."""
-_MOST_SENTENCES, _LONGEST_SENTENCE = 20, 2000
-"""Sentences printed in full, the rest are counted; characters of each."""
+_LONGEST = 60  # characters of a value quoted in a message
+_MOST_SENTENCES, _LONGEST_SENTENCE = 20, 2000  # sentences printed in full, the rest are counted; characters of each
 
 
 class FastcoilError(Exception):

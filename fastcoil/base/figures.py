@@ -49,8 +49,7 @@ STYLE: Mapping[str, Any] = {
     "figure.dpi": 150,
 }
 _INCHES_PER_POINT = 1 / 72
-_LETTER = 0.55
-"""Average character width of the default font in font sizes, rounded up so that no line is too long."""
+_LETTER = 0.55  # average character width of the default font in font sizes, rounded up so that no line is too long
 
 
 @contextmanager
@@ -92,8 +91,7 @@ _CARRIED = {
     "pdf": re.compile(rb"/Keywords \(" + _HASH + rb"\)"),
     "svg": re.compile(rb"<dc:source>" + _HASH + rb"</dc:source>"),
 }
-_LARGEST = 2**26
-"""Maximum size of a figure file in bytes."""
+_LARGEST = 2**26  # maximum size of a figure file in bytes
 _SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fonttype": 42}
 """Text is stored as text, so that it can be searched and edited."""
 

@@ -20,16 +20,12 @@ from fastcoil.base.errors import InputError, StorageError, shown
 
 UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
-_CHUNK = 1 << 20
-"""Bytes read at once."""
-_LOOKS = ("read", "found", "read by another process")
-"""Operations that need no space on the disk."""
-_PROBE = 1 << 20
-"""Bytes written to find out whether the disk is full."""
+_CHUNK = 1 << 20  # bytes read at once
+_LOOKS = ("read", "found", "read by another process")  # operations that need no space on the disk
+_PROBE = 1 << 20  # bytes written to find out whether the disk is full
 _LONGEST_NAME, _LONGEST_PATH = 255, 4000
 """Bytes.  Linux allows paths of 4,096; fastcoil appends file names to the path of a folder."""
-_LONGEST_OF_OURS = 200
-"""Bytes of a name made by ``file_name``."""
+_LONGEST_OF_OURS = 200  # bytes of a name made by ``file_name``
 _KINDS = {
     stat.S_IFIFO: "a pipe",
     stat.S_IFCHR: "a device",
@@ -257,8 +253,7 @@ def _sync(path: Path, flags: int) -> None:
         os.close(descriptor)
 
 
-_ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)
-"""Errors of ``stat`` for a path that does not exist."""
+_ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)  # errors of ``stat`` for a path that does not exist
 
 
 def exists(path: Path) -> bool:

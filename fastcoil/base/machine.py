@@ -12,8 +12,7 @@ from fastcoil.base.files import read_bytes
 
 PROC = Path("/proc")
 CGROUPS = Path("/sys/fs/cgroup")
-_LARGEST = 2**20
-"""Bytes read from a file of /proc or /sys at most."""
+_LARGEST = 2**20  # bytes read from a file of /proc or /sys at most
 _V2 = (("memory.max", "memory.high"), "memory.current", "inactive_file")
 _V1 = (("memory.limit_in_bytes",), "memory.usage_in_bytes", "total_inactive_file")
 """File names of the limits and of the usage, and the reclaimable field in ``memory.stat``."""

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 
 SECONDS_BETWEEN_LINES = 10.0
-_BETWEEN_UPDATES = 0.5
-"""Seconds between updates in a notebook; each one is sent to the browser."""
+_BETWEEN_UPDATES = 0.5  # seconds between updates in a notebook; each one is sent to the browser
 
 
 def duration(seconds: float) -> str:

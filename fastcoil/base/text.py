@@ -26,8 +26,7 @@ NONE = "\N{EN DASH}"
 _TWO_DIGITS = 35
 """An uncertainty whose leading digits are at most this gets two digits, otherwise one (Particle Data Group)."""
 _MOST_DECIMALS = 6
-_THOUSANDS = 999.5, 1e7
-"""Range of numbers written out with thousands separators."""
+_THOUSANDS = 999.5, 1e7  # range of numbers written out with thousands separators
 
 
 def decimals_of(uncertainty: float) -> int | None:

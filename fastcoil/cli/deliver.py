@@ -158,8 +158,7 @@ def export_code(path: Path, language: str | None, out: Path | None) -> None:
 
 
 SUFFIXES = {"csv": ".csv", "latex": ".tex", "parquet": ".parquet"}
-_SAID_WITHIN = 2**16
-"""Bytes searched for the version at the start of a text file and at the end of a Parquet file."""
+_SAID_WITHIN = 2**16  # bytes searched for the version at the start of a text file and at the end of a Parquet file
 
 
 def export_table(

@@ -18,8 +18,7 @@ import click
 from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
 from fastcoil.cli.terminal import check_environment, complain, say
 
-_PATIENCE = 4.0
-"""Seconds from an interrupt to the forced end of the process."""
+_PATIENCE = 4.0  # seconds from an interrupt to the forced end of the process
 
 
 class Commands(click.Group):

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INCHES = {"mm": 1 / 25.4, "cm": 1 / 2.54, "in": 1.0}
-_WIDTHS = 1.5, 20.0
-"""Allowed range in inches."""
+_WIDTHS = 1.5, 20.0  # allowed range in inches
 
 
 class _Asked(NamedTuple):

@@ -10,8 +10,7 @@ import select
 import sys
 from typing import Any, NamedTuple, TextIO
 
-_FIRST_OF_OURS = 10
-"""Lower descriptors are left to programs that rely on them."""
+_FIRST_OF_OURS = 10  # lower descriptors are left to programs that rely on them
 
 
 class Output(io.RawIOBase):

@@ -9,8 +9,7 @@ import click
 from fastcoil.base.errors import FastcoilError, InputError, shown
 from fastcoil.base.text import printable
 
-_LONGEST_LINE = 4000
-"""Characters printed of one line."""
+_LONGEST_LINE = 4000  # characters printed of one line
 
 
 def say(*lines: object, err: bool = False) -> None:

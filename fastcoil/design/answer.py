@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_LOST = 0.5
-"""Share of the time off the set-point from which a loop does not control."""
+_LOST = 0.5  # share of the time off the set-point from which a loop does not control
 
 
 class Theory(NamedTuple):
@@ -145,8 +144,7 @@ class Found(NamedTuple):
 
 MINUTES = 120.0
 """Seconds from which a period is given in minutes."""
-_NOTHING = 5e-4
-"""Temperature difference that nobody sees, K."""
+_NOTHING = 5e-4  # temperature difference that nobody sees, K
 
 
 def answer_of(found: Found) -> str:
@@ -254,8 +252,7 @@ def table_of(found: Found) -> list[str]:
     return ["What could be done, and what it costs: the day simulated with each", *lines]
 
 
-_LEAST_SHARE = 0.5
-"""Degrees; less is not shown."""
+_LEAST_SHARE = 0.5  # degrees; less is not shown
 _PARTS = {
     "integral": "integral of the PI",
     "coil": "coil",
@@ -358,14 +355,10 @@ def _advice(found: Found) -> list[str]:
 
 
 _SIZE, _WITHOUT_THEORY = (7.5, 7.5), (7.5, 3.8)
-_TELLING, _BEFORE = 5400, 600
-"""Seconds that are drawn, and how many of them before the worst operating point."""
-_PHASES = (-200.0, -85.0)
-"""Degrees: where a backlash may bring the phase to -180°, and some more."""
-_SPAN, _TI_STEPS = 8.0, 60
-"""The map goes from the gains of now and the cures, divided by this, to as many times them."""
-_LABEL = 0.85
-"""Where on a contour its label is, as a share of its length."""
+_TELLING, _BEFORE = 5400, 600  # seconds that are drawn, and how many of them before the worst operating point
+_PHASES = (-200.0, -85.0)  # degrees: where a backlash may bring the phase to -180°, and some more
+_SPAN, _TI_STEPS = 8.0, 60  # the map goes from the gains of now and the cures, divided by this, to as many times them
+_LABEL = 0.85  # where on a contour its label is, as a share of its length
 _CONTOURS = (0.4, HUNTS_ABOVE, 1.7)
 _MARKS = {"lower_kp": "v", "longer_ti": ">", "simc": "s"}
 

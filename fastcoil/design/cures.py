@@ -118,8 +118,7 @@ def simc_gains(loop: Loop, prediction: Prediction) -> tuple[float, float] | None
 
 
 PARTS = ("integral", "coil", "sensor", "sampling", "backlash")
-_SLOWEST = 1e-4
-"""rad/s."""
+_SLOWEST = 1e-4  # rad/s
 _FREQUENCIES, _AMPLITUDES = 600, 300
 
 
@@ -235,8 +234,7 @@ LEAST_GAIN = 0.2
 """Smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1."""
 DEAD_BAND_WIDTHS = (0.1, 0.5)
 """Least and most, K; as wide as the swing is high in between."""
-_QUIET_DEAD_BAND = 0.25
-"""K, where nothing hunts."""
+_QUIET_DEAD_BAND = 0.25  # K, where nothing hunts
 _LONGEST_TI = 3600.0
 _TI_STEPS = 60
 _STEPS_BACK = 4
@@ -351,8 +349,7 @@ def with_cures(loop: Loop, cures: list[Cure]) -> Loop:
     return loop.assign(**changed)
 
 
-_POINTS = 43200
-"""Most samples of a trace: one every 2 s of a day."""
+_POINTS = 43200  # most samples of a trace: one every 2 s of a day
 PLAIN = 1.5
 """So many times as large a swing shows that a loop hunts here and not there."""
 AS_PREDICTED = 0.7

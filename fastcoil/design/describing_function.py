@@ -229,8 +229,7 @@ def _filtered(at_rest: Array, w: Array, plants: Plants) -> Array:
 
 AMPLITUDES = np.geomspace(2e-3, 3.0, 28)
 """Of the opening, before it ends at 0 and 1."""
-_NODES = np.sin(np.pi * ((np.arange(8) + 0.5) / 8.0 - 0.5))
-"""A sine at equal steps of its phase, from trough to peak."""
+_NODES = np.sin(np.pi * ((np.arange(8) + 0.5) / 8.0 - 0.5))  # A sine at equal steps of its phase, from trough to peak
 _MEAN_HALVINGS, _FINER = 12, 8
 
 
@@ -293,10 +292,8 @@ def swings_of(curve: Array, T_sup: Array, gain: Array) -> Swings:
 
 SMALLEST = 2e-4
 """Least amplitude of u, fraction of stroke, that is looked at where nothing waits after a turn."""
-_ROUND_OFF = 1e-6
-"""A buffer up to this size is against round-off only."""
-_SURE_OF_SMOOTH = 4.0
-"""The smooth compensation counts as the inverse where u moves so many times faster than its rate."""
+_ROUND_OFF = 1e-6  # A buffer up to this size is against round-off only
+_SURE_OF_SMOOTH = 4.0  # the smooth compensation counts as the inverse where u moves so many times faster than its rate
 
 
 class Elements(NamedTuple):

@@ -23,20 +23,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_LOWEST, _FREQUENCIES = 1e-6, 4000
-"""Of the curves, rad/s and number."""
-_HIGH, _LOW = 30.0, 0.01
-"""Sizes of L between which a Bode plot shows it."""
-_REACH = 3.0
-"""A Nyquist plot shows this much of the plane to the left and below."""
+_LOWEST, _FREQUENCIES = 1e-6, 4000  # of the curves, rad/s and number
+_HIGH, _LOW = 30.0, 0.01  # sizes of L between which a Bode plot shows it
+_REACH = 3.0  # A Nyquist plot shows this much of the plane to the left and below
 _READING = (
     "Thick: L. Thin: -1/N. A loop hunts where L reaches -1/N, or nearly. One dot: the cycle. Two dots: the frequency "
     "at which a loop that does not hunt comes nearest to one."
 )
-_AMPLITUDES, _SMALLEST = 400, 1e-3
-"""Number of amplitudes, and least |N| that is drawn."""
-_WIDTH = 6.5
-"""Inches."""
+_AMPLITUDES, _SMALLEST = 400, 1e-3  # number of amplitudes, and least |N| that is drawn
+_WIDTH = 6.5  # inches
 _OPEN: Any = {"frameon": False, "handlelength": 2.5}
 
 

@@ -33,8 +33,7 @@ from fastcoil.loops.provenance import provenance
 from fastcoil.model.metric_table import HUNTING_SWING
 
 _HALVINGS = 10
-_FLAT = 0.01
-"""A rise of the phase, rad, from which a loop has more than one frequency for a phase."""
+_FLAT = 0.01  # A rise of the phase, rad, from which a loop has more than one frequency for a phase
 
 
 class Balance(NamedTuple):
@@ -175,8 +174,7 @@ _AMPLITUDES, _FREQUENCIES = 44, 136
 ROUNDS = 2
 """How often a cycle that reaches an end of the integral is computed again."""
 _NEAR_ONE = 0.7
-_SLOWEST = 3e-4
-"""Lowest frequency, rad/s: a period of 6 h."""
+_SLOWEST = 3e-4  # lowest frequency, rad/s: a period of 6 h
 _AT_ONCE = 512
 
 

@@ -31,8 +31,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
 
-_LOWEST = 1e-6
-"""Lowest frequency, rad/s: any integral has brought L above 1 there."""
+_LOWEST = 1e-6  # lowest frequency, rad/s: any integral has brought L above 1 there
 _MARGIN_FREQUENCIES = 800
 
 
@@ -105,12 +104,9 @@ def _phase_left(L: Complex) -> Array:
     return np.where(np.isfinite(least), least, math.nan)
 
 
-_EARLY, _LATE = 0.353, 0.853
-"""Shares of the response at which Sundaresan and Krishnaswamy read the two times."""
-_LONGER = 36000
-"""By how much a response that has not come that far is followed, s."""
-_CALMER = 3.0
-"""Closed-loop time constant of lambda tuning, in lags."""
+_EARLY, _LATE = 0.353, 0.853  # shares of the response at which Sundaresan and Krishnaswamy read the two times
+_LONGER = 36000  # by how much a response that has not come that far is followed, s
+_CALMER = 3.0  # closed-loop time constant of lambda tuning, in lags
 
 
 class FirstOrder(NamedTuple):
@@ -199,8 +195,7 @@ def _time_at(share: Array, level: float) -> Array:
 
 
 Attributes = Mapping[str, Any]
-_FREQUENCIES = 400
-"""Number of those at which the phase of a response is unwrapped."""
+_FREQUENCIES = 400  # number of those at which the phase of a response is unwrapped
 _NO_GAP = "without the gap, the motor's stroke time and the inverse"
 _RULE = "for a plain PI; half a sample time counts as dead time; NaN if the valve changes nothing or acts the wrong way"
 _RADIANS = {"dims": ("frequency",), "units": "degree", "comment": "unwrapped from the lowest frequency on"}

@@ -18,8 +18,7 @@ from fastcoil.model.metric_table import METRICS
 MEAN, NOW = "mean", "now"
 _MOST = f'give a number, "{NOW}" for what the loop does now, or a pair such as (0.05, "{MEAN}")'
 TRAVEL, HUNTS = "motor_travel", "hunts"
-_ANSWERS = ("rmse", "share_off", "motor_travel", "reversals")
-"""Examples of what less is better of."""
+_ANSWERS = ("rmse", "share_off", "motor_travel", "reversals")  # examples of what less is better of
 COUNTED = tuple(m.name for m in METRICS.values() if not m.flags)
 """Metrics that are amounts."""
 MARGIN = "margin"

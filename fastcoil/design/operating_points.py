@@ -23,8 +23,7 @@ from fastcoil.model.metric_table import WARM_UP
 
 ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
 """Series of the boundary that make an operating point."""
-_CHUNK = 2048
-"""Points at a time: their responses take up to 60 MB."""
+_CHUNK = 2048  # points at a time: their responses take up to 60 MB
 
 
 class OperatingPoints:

@@ -26,8 +26,7 @@ from fastcoil.base.files import commit, read_bytes, storage_errors
 KEPT = "tune.json"
 """Name of the file in the folder of a tuning."""
 _KIND, _FORMAT = "fastcoil tuning", 1
-_LARGEST = 2**28
-"""Bytes."""
+_LARGEST = 2**28  # bytes
 
 
 class Archive:
@@ -108,12 +107,9 @@ def _parsed(data: bytes) -> dict[str, Any] | None:
 Measured = Callable[[Array], "Scores"]
 """From points (n, d) of the unit cube to their scores."""
 
-_SCALE = (0.3, 0.8)
-"""Factor of a difference, drawn anew for each trial."""
-_LEAST = 8
-"""Points of the smallest generation."""
-_MIXED = 0.8
-"""Share of the axes that a trial takes from the new point."""
+_SCALE = (0.3, 0.8)  # factor of a difference, drawn anew for each trial
+_LEAST = 8  # points of the smallest generation
+_MIXED = 0.8  # share of the axes that a trial takes from the new point
 _SMALL, _BEYOND = 0.02, 0.5
 """Spread of the trials around the front, share of an axis; how far they go beyond two neighbours, of their distance."""
 _TINY = 1e-300

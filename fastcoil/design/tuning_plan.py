@@ -36,12 +36,9 @@ from fastcoil.model.parameter_table import Parameter, check_name
 _GROUPS = ("controller", "inverse", "estimator", "learner", "hagglund", "gradient", "identify")
 """Groups of parameters that a controller has; the others belong to the plant."""
 _OF_THE_PLANT = ("plant_gain",)
-_WIDE = 5.0
-"""An axis whose ends are positive and this many times apart is searched in logarithms."""
-_DIGITS = 4
-"""Significant digits of a value that is tried: the one that is quoted was tried itself."""
-_NEAR = 0.01
-"""Share of an axis that counts as its end."""
+_WIDE = 5.0  # an axis whose ends are positive and this many times apart is searched in logarithms
+_DIGITS = 4  # significant digits of a value that is tried: the one that is quoted was tried itself
+_NEAR = 0.01  # share of an axis that counts as its end
 
 
 class Axis(NamedTuple):
@@ -158,8 +155,7 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
 
 OBJECTIVE, QUANTILE, EVALUATIONS = "rmse", 0.95, 240
 MOST_EVALUATIONS = 100_000
-_MOST_CORNERS = 6
-"""Axes of which all combinations of ends are looked at."""
+_MOST_CORNERS = 6  # axes of which all combinations of ends are looked at
 
 
 class Asked(NamedTuple):
@@ -407,8 +403,7 @@ def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
     return found if usable else {}
 
 
-_MOST_AT_ONCE = 200_000
-"""Scenarios of one sweep: bounds the memory that a generation takes."""
+_MOST_AT_ONCE = 200_000  # scenarios of one sweep: bounds the memory that a generation takes
 
 
 class Run(NamedTuple):

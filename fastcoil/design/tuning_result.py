@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 
 _FEW_VALVES, _FEW_DAYS = 20, 3
-_IN_THE_TAIL = 3
-"""Valves held out that should lie above a quantile, or it is little more than the worst of them."""
+_IN_THE_TAIL = 3  # valves held out that should lie above a quantile, or it is little more than the worst of them
 
 
 def notes_on(
@@ -128,8 +127,7 @@ def _cell(metric: str, edges: object) -> str:
 
 
 _SIZE = (6.5, 4.6)
-_TITLE = 5.6
-"""Inches: the axes are narrower than the figure."""
+_TITLE = 5.6  # inches: the axes are narrower than the figure
 _LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", YELLOW, "SIMC")}
 
 

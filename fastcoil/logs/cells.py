@@ -20,8 +20,7 @@ MISSING = frozenset(
 """Cells that say that there is no value."""
 _GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "{}"))
 """A status beside a number that does not speak against it; in braces others do."""
-_STATUS = re.compile(r"\{.*\}")
-"""A status instead of a number."""
+_STATUS = re.compile(r"\{.*\}")  # A status instead of a number
 _ON = frozenset(("on", "true", "yes", "active", "enabled", "run", "running", "start", "started"))
 _OFF = frozenset(("off", "false", "no", "inactive", "disabled", "stop", "stopped"))
 _NUMBER = re.compile(r"(?P<number>[+-]?[\d.,’' \u00a0\u202f]*\d[.,]?(?:[eE][+-]?\d+)?)\s*(?P<rest>\D.*)?", re.DOTALL)

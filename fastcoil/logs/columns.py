@@ -133,8 +133,7 @@ _BAD = frozenset(
      "unreliable", "fail", "faulted")
 )  # fmt: skip
 _BLANK = ""
-_ROWS = 1000
-"""Rows in which some status is good, or the column is none of status."""
+_ROWS = 1000  # rows in which some status is good, or the column is none of status
 
 
 def status_columns(table: Table) -> list[int]:
@@ -174,16 +173,12 @@ def _is_status(cell: str) -> bool:
     return word in _GOOD or word in _BAD or word == _BLANK or (word[:1] == "{" and word[-1:] == "}")
 
 
-_OUTPUTS = ("command", "T_sup", "T_w_out")
-"""Always measured: no message suggests a constant for them."""
-_LONGEST_HEADER = 100
-"""Characters of a header that a message repeats."""
-_MOST_NAMED = 3
-"""A message names this many unknown columns and counts the rest."""
+_OUTPUTS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
+_LONGEST_HEADER = 100  # characters of a header that a message repeats
+_MOST_NAMED = 3  # A message names this many unknown columns and counts the rest
 _PERCENT, _FAR_ABOVE_1, _ROWS_LOOKED_AT = "%", 11.0, 10_000
 _FLOAT = re.compile(r"\d{1,3}(?:\.\d{0,20})?")
-_MOST_HINTS = 200
-"""Unknown columns that get a suggestion of the probable name, which takes a millisecond each."""
+_MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name, which takes a millisecond each
 
 
 def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:

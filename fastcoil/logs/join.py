@@ -33,8 +33,7 @@ _TIMES = (
 """Headers of a column of times, in small letters."""
 POINTS = [name for name in COLUMNS if name not in ("elapsed_time", "batch")]
 """What a point may be."""
-_ROWS_LOOKED_AT = 1000
-"""A column without a number in them is one of remarks."""
+_ROWS_LOOKED_AT = 1000  # A column without a number in them is one of remarks
 _CURE = "--time-format '{format}'"
 
 
@@ -195,8 +194,7 @@ def _ascending(table: Table, times: Index) -> tuple[Index, Index]:
     return times, order[~double]
 
 
-_NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)
-"""Steps of a clock, s."""
+_NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)  # steps of a clock, s
 _SECOND = 1_000_000
 _MOST_CELLS = 20_000_000
 _DIGITS = 10

@@ -61,18 +61,14 @@ def at_seconds(
 
 LONG_STEP = 3.0
 """Steps longer than this many median steps are gaps, but in a log of changes."""
-_REGULAR, _ABOUT = 0.6, 0.2
-"""Steps are regular where more than this share of them is within so much of the median."""
+_REGULAR, _ABOUT = 0.6, 0.2  # steps are regular where more than this share of them is within so much of the median
 _SHORT_AND_LONG, _SPREAD = (0.1, 0.9), 4.0
 """They are uneven where they are not regular and these quantiles are so far apart: further than lost rows make them."""
-_LONG = 0.05
-"""Share of steps that would be gaps, at least."""
+_LONG = 0.05  # share of steps that would be gaps, at least
 _CHANGES, _REPEATS = 0.9, 0.2
 """In so many of the rows something changes, while one series stays as it was in so many of them."""
-_FEWEST = 20
-"""Steps."""
-_USUAL, _LONGER = 0.95, 10.0
-"""A step so many times longer than this share of all steps is a gap even in such a log."""
+_FEWEST = 20  # steps
+_USUAL, _LONGER = 0.95, 10.0  # A step so many times longer than this share of all steps is a gap even in such a log
 
 
 def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
@@ -116,8 +112,7 @@ def _changed(series: Array) -> Mask:
 
 _DAY = 86400.0
 _HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
-_MANY = 0.1
-"""If more than this share of the steps go back in time, the log is out of order."""
+_MANY = 0.1  # if more than this share of the steps go back in time, the log is out of order
 
 
 class Pieces(NamedTuple):

@@ -17,10 +17,8 @@ from fastcoil.logs.columns import Reading, Wanted, find_unit, marked_by_status
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
 
-_SCATTER = 0.02
-"""Readings up to this share of the column's span outside a bound are taken as the bound."""
-_WARM = 5.0
-"""A temperature of exactly 0 among others above this, °C, is a sensor that is off."""
+_SCATTER = 0.02  # readings up to this share of the column's span outside a bound are taken as the bound
+_WARM = 5.0  # A temperature of exactly 0 among others above this, °C, is a sensor that is off
 _LIVE_ZERO, _FULL_SIGNAL = (0.18, 0.26), 0.9
 """A command in V whose lowest value is here and whose highest is above that, of 10 V, may be a signal of 2–10 V."""
 

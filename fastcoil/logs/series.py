@@ -76,8 +76,7 @@ _SPELLINGS = {
 }  # fmt: skip
 """Other spellings of a unit; of those of a family they mean one only."""
 _FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
-_LONGEST_UNIT = 16
-"""Letters."""
+_LONGEST_UNIT = 16  # letters
 
 
 def known_units(units: Units) -> str:

@@ -29,17 +29,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-_LARGEST = 2**30
-"""Bytes."""
+_LARGEST = 2**30  # bytes
 _MOST_CELLS, _MOST_COLUMNS = 100_000_000, 10_000
 """As a table of text, more cells would fill the memory; no building logs so many points in one file."""
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_SAMPLE = 200
-"""Rows from the start of a file among which the header is."""
-_MOST_LOOKED_AT = 50
-"""Cells of a row."""
-_LAST = 20
-"""Rows at the end of a file among which a footer may be."""
+_SAMPLE = 200  # rows from the start of a file among which the header is
+_MOST_LOOKED_AT = 50  # cells of a row
+_LAST = 20  # rows at the end of a file among which a footer may be
 _LONGEST_UNIT = 24
 Numbered = list[tuple[int, list[str]]]
 """Rows that are not blank, with their numbers in the file."""
@@ -225,8 +221,7 @@ def _first_words(rows: Numbered) -> str:
 
 STATUS = ("status", "quality")
 """Headers of columns that say which values of a row count."""
-_LONGEST_HEADER = 200
-"""Longest header in which a unit without brackets is looked for, letters."""
+_LONGEST_HEADER = 200  # longest header in which a unit without brackets is looked for, letters
 
 
 def label_and_unit(header: str) -> tuple[str, str | None]:

@@ -39,8 +39,7 @@ _DAYLIGHT = {
     "nzdt": "nzst",
 }  # fmt: skip
 """Zones an hour ahead of the one that the same place has in winter."""
-_UNEVEN = 5.0
-"""The order of day and month that makes a log this much longer than the other one, and uneven, is wrong."""
+_UNEVEN = 5.0  # the order of day and month that makes a log this much longer than the other one, and uneven, is wrong
 _SECOND = 1_000_000
 MICROSECONDS = np.dtype("datetime64[us]")
 
@@ -237,11 +236,9 @@ SERIAL, EPOCH = "excel", "epoch"
 _EPOCH = datetime(1970, 1, 1)
 _UTC = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
-_DAYS = (20_000.0, 80_000.0)
-"""Serial days of a spreadsheet from 1954 to 2119; 25,569 is 1970-01-01."""
+_DAYS = (20_000.0, 80_000.0)  # serial days of a spreadsheet from 1954 to 2119; 25,569 is 1970-01-01
 _SERIAL_OF_1970 = 25_569
-_SECONDS = (1e8, 1e10)
-"""Epoch seconds from 1973 to 2286; milliseconds are a thousand times as many."""
+_SECONDS = (1e8, 1e10)  # epoch seconds from 1973 to 2286; milliseconds are a thousand times as many
 _EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
 _LONGEST_FORMAT = 100
 
@@ -408,8 +405,7 @@ def _number(cell: str) -> float:
         return np.nan
 
 
-_DATES, _CLOCKS = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")
-"""Headers, in small letters."""
+_DATES, _CLOCKS = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?\s*(?:[AaPp]\.?[Mm]\.?)?(?:\s?[A-Za-z+:\d-]{1,9})?")
 _ROWS_LOOKED_AT = 3
 

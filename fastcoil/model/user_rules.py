@@ -22,8 +22,7 @@ from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.numerics.compile_user_function import UserFunction
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, RESERVED_DIMS, Parameter
 
-_TRUTH = ("coil", "valve", "actuator")
-"""Groups of what a controller in the field cannot know."""
+_TRUTH = ("coil", "valve", "actuator")  # groups of what a controller in the field cannot know
 _TAKEN = {
     *METRICS, *PREDICTIONS, *TRACES, *RESERVED_DIMS, "status", "design", "scenario", "preset", "include", "size",
     "seed", "method", "tolerance", "drop", "indexers", "missing_dims",

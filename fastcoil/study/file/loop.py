@@ -19,8 +19,7 @@ from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, 
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters, parse_toml
 
 _WHAT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
-_LARGEST = 2**20
-"""Bytes."""
+_LARGEST = 2**20  # bytes
 _MOST_FILES = 100
 
 

@@ -38,8 +38,7 @@ from fastcoil.study.file.tables import Schema, StudyFile, list_of, whole
 
 NAME = r"[^\W\d]\w*"
 FUNCTION: Schema = {"type": "string", "pattern": rf"^{NAME}(\.{NAME})*:{NAME}$"}
-_OWN = "own parameter"
-"""Not the name of a parameter."""
+_OWN = "own parameter"  # not the name of a parameter
 _ABOVE_0 = {("loguniform", "lowest"), ("truncnorm", "standard deviation")}
 
 
