@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from fastcoil.base.errors import InputError, missing_extra, shown
+from fastcoil.base.errors import InputError, missing_extra
 from fastcoil.base.files import may_be_file
 from fastcoil.cli.announcements import announce_compilation, run_own_code
 from fastcoil.cli.arguments import PATH, labels_of
@@ -44,7 +44,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     from fastcoil.study.maintenance import one_scenario
 
     form = _form_of(out)
-    scenario = one_scenario(target, labels_of(",".join(at)), _changes(changes))
+    scenario = one_scenario(target, labels_of(",".join(at)), pairs("--set", changes) or {})
     announce_compilation()
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
@@ -54,14 +54,6 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
         for path in write({out.stem: found.plot()}, out.parent, format=form):
             say(f"Figure:  {path}")
     write_report(found, report)
-
-
-def _changes(given: Sequence[str]) -> dict[str, str]:
-    names = [one.partition("=")[0].strip() for one in given]
-    twice = [f"--set: {shown(name)} is given twice: give it once" for k, name in enumerate(names) if name in names[:k]]
-    if twice:
-        raise InputError(twice)
-    return pairs("--set", given) or {}
 
 
 def _form_of(out: Path | None) -> str:

@@ -160,14 +160,12 @@ def fit_coil_command(
 
 def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
     """Parse ``NAME=NUMBER`` arguments into a mapping."""
-    found, wrong = {}, []
+    found = {}
     for name, text in (pairs(option, given) or {}).items():
         try:
             found[name] = float(text)
         except ValueError:
-            wrong.append(f"{option} {name}={text}: give a number")
-    if wrong:
-        raise InputError(wrong)
+            raise InputError(f"{option} {name}={text}: give a number") from None
     return found
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, is_file, is_folder, may_be_file
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.arguments import PATH
@@ -20,6 +20,8 @@ def pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
     """Parse ``NAME=VALUE`` arguments into a mapping; None if there are none."""
     parts = [one.partition("=") for one in given]
     wrong = [f"{option} {one}: give NAME=VALUE" for one, (_, sign, _) in zip(given, parts, strict=True) if not sign]
+    names = [name.strip() for name, _, _ in parts]
+    wrong += [f"{option}: {shown(name)} is given twice: give it once" for name in names if names.count(name) > 1][:1]
     if wrong:
         raise InputError(wrong)
     return {name.strip(): value.strip() for name, _, value in parts} or None

@@ -32,13 +32,7 @@ if TYPE_CHECKING:
 @click.option("--extend", is_flag=True, help="Extend a smaller version of the study: only new scenarios are run.")
 @click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
 def run(
-    study: Path,
-    out: Path | None,
-    jobs: int | None,
-    backend: str,
-    scheduler: str | None,
-    extend: bool,
-    figures: bool,
+    study: Path, out: Path | None, jobs: int | None, backend: str, scheduler: str | None, extend: bool, figures: bool
 ) -> None:
     """Run a STUDY file and summarise the results.
 
@@ -164,13 +158,6 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
     path, found = maintenance.rerun(folder, labels, run_own_code)
     say(*found)
     say(f"Traces:  {path}")
-
-
-@click.command(hidden=True, context_settings={"ignore_unknown_options": True})
-@click.argument("words", nargs=-1)
-def paper(words: tuple[str, ...]) -> None:
-    """Say what replaces this command."""
-    raise InputError("the paper's figures and claims are a study of the source repository: python -m studies paper")
 
 
 @click.command()

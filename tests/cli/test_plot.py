@@ -30,8 +30,7 @@ def plot(*words):
 
 
 @pytest.mark.parametrize(
-    ("format", "start"),
-    [pytest.param("png", b"\x89PNG", marks=pytest.mark.full), ("pdf", b"%PDF"), ("svg", b"<?xml")],
+    ("format", "start"), [pytest.param("png", b"\x89PNG", marks=pytest.mark.full), ("pdf", b"%PDF"), ("svg", b"<?xml")]
 )
 def test_the_standard_figures_are_written_in_the_format_asked_for(folder, format, start):
     result = plot(folder, "--format", format)
