@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
@@ -59,7 +60,6 @@ class _Sheet:
     ) -> None:  # fmt: skip
         from matplotlib.figure import Figure
 
-        _check_metrics(ds, metrics)
         if by in of:
             raise InputError(f"{by} is named twice: choose two different axes")
         self.ds, self.rows = ds, rows_of(ds, by)
@@ -108,7 +108,7 @@ def maps(
     ``by``: a further dimension, with a row of panels for each name, or for its first, middle and last value.
     ``width``: of the figure, inches.
     """
-    drawing.swept_axes(ds["status"], x=x, y=y)
+    _check(ds, metrics, x=x, y=y)
     sheet = _Sheet(ds, metrics, (x, y), by, width, 3.0)
     meshes: dict[Any, list[QuadMesh]] = {}
     for axes, values, index, words, _ in sheet.panels:
@@ -134,7 +134,7 @@ def bands(
 
     ``by``, ``width``: as of ``maps``; what ``by`` names is not pooled.
     """
-    drawing.swept_axes(ds["status"], x=x)
+    _check(ds, metrics, x=x)
     shared: Any = {"sharex": "col", "sharey": "col"} if by else {}
     sheet = _Sheet(ds, metrics, (x,), by, width, 2.2 if by else 2.8, **shared)
     of_x = quantity_of(ds, x)
@@ -168,6 +168,7 @@ def alternatives(
 
     ``by``, ``width``: as of ``bands``.
     """
+    _check(ds, metrics)
     n = ds.sizes[dim]
     shared: Any = {"sharex": "col"} if by else {}
     sheet = _Sheet(ds, metrics, (dim,), by, width, 1.0 + 0.22 * n, one_row=width is None, sharey=True, **shared)
@@ -248,11 +249,13 @@ def _has_plain_pi(ds: xr.Dataset, dim: str) -> bool:
     return bool(alike.any() and not alike.all())
 
 
-def _check_metrics(ds: xr.Dataset, metrics: Sequence[str]) -> None:
-    problems = [
-        f"metrics: {quoted(name)} is not in this result{metric_meant(name) or nearest(name, METRICS)}"
-        for name in metrics
-        if name not in ds
-    ]
-    if problems:
-        raise InputError(problems)
+def _check(ds: xr.Dataset, metrics: Sequence[str], **axes: str | None) -> None:
+    """Refuse axes that are not swept, together with metrics that the result does not have."""
+    with checking() as check:
+        if axes:
+            check(drawing.swept_axes, ds["status"], **axes)
+        check.problems += [
+            f"metrics: {quoted(name)} is not in this result{metric_meant(name) or nearest(name, METRICS)}"
+            for name in metrics
+            if name not in ds
+        ]
