@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.design.describing_function import describing_function, unknown
+from fastcoil.design.describing_function import unknown
 from fastcoil.design.limit_cycle import HUNTS_ABOVE, Cycles, cycles_of
 from fastcoil.design.linearise import first_order, margins_of, simc
 from fastcoil.design.operating_points import PointsOfDay
@@ -29,13 +29,14 @@ SAFE = 0.7
 
 
 class Prediction(NamedTuple):
-    """A loop at the operating points of a day.
+    """A loop, a single scenario, at the operating points of a day.
 
     plants: linear models of valve and coil.  cycles: margin, hunts, period and amplitude, (n_points,) each.
     worst: the point with the largest margin among those at which the set-point can be reached and theory has one; -1 if
     there is none.
     """
 
+    loop: Loop
     points: PointsOfDay
     plants: Plants
     cycles: Cycles
@@ -57,11 +58,6 @@ class Prediction(NamedTuple):
         return self.reached[self.cycles.hunts[self.reached] > 0.0]
 
     @property
-    def elsewhere(self) -> Index:
-        """The others at which theory has a margin."""
-        return np.setdiff1d(self.reached, self.hunting)
-
-    @property
     def hunts(self) -> bool:
         """Whether the loop is predicted to hunt at some operating point."""
         return self.hunting.size > 0
@@ -73,11 +69,11 @@ class Prediction(NamedTuple):
 
 
 def predict(loop: Loop, points: PointsOfDay) -> Prediction:
-    """Linearise one loop, a single scenario, at the operating points of a day and look for its cycles."""
+    """Linearise a loop at the operating points of a day and look for its cycles."""
     columns = columns_of(without_dead_band(loop), {}, np.zeros(points.size, dtype=np.int64))
     plants = plants_of(columns, points.conditions)
     cycles = cycles_of(columns, plants)
-    found = Prediction(points, plants, cycles, -1)
+    found = Prediction(loop, points, plants, cycles, -1)
     reached = found.reached
     return found._replace(worst=int(reached[np.argmax(cycles.margin[reached])])) if reached.size else found
 
@@ -103,15 +99,15 @@ def _one(loop: Loop) -> dict[str, np.ndarray]:
     return columns_of(loop, {}, np.zeros(1, dtype=np.int64))
 
 
-def gain_margin_without_backlash(loop: Loop, prediction: Prediction) -> float:
-    """By how much the kp of one loop may be multiplied behind a perfect valve, where it is worst; below 1 it swings."""
-    columns = _one(loop) | {"backlash": np.zeros(1)}
+def gain_margin_without_backlash(prediction: Prediction) -> float:
+    """By how much kp may be multiplied behind a perfect valve where the loop is worst; below 1 it swings."""
+    columns = _one(prediction.loop) | {"backlash": np.zeros(1)}
     return float(margins_of(columns, prediction.plant).gain_margin[0])
 
 
-def simc_gains(loop: Loop, prediction: Prediction) -> tuple[float, float] | None:
-    """kp and ti after SIMC for one loop where it is worst; None where the valve changes nothing."""
-    columns = _one(loop)
+def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
+    """kp and ti after SIMC where the loop is worst; None where the valve changes nothing."""
+    columns = _one(prediction.loop)
     gains = simc(columns, prediction.plant, first_order(columns, prediction.plant))
     found = float(gains.kp[0]), float(gains.ti[0])
     return found if all(map(math.isfinite, found)) else None
@@ -119,7 +115,7 @@ def simc_gains(loop: Loop, prediction: Prediction) -> tuple[float, float] | None
 
 PARTS = ("integral", "coil", "sensor", "sampling", "backlash")
 _SLOWEST = 1e-4  # rad/s
-_FREQUENCIES, _AMPLITUDES = 600, 300
+_FREQUENCIES = 600
 
 
 class Response(NamedTuple):
@@ -141,32 +137,25 @@ class Response(NamedTuple):
         return 2.0 * math.pi / float(self.w[self.cycle])
 
 
-def response_of(loop: Loop, prediction: Prediction) -> Response:
-    """Frequency response of a single loop at its worst operating point."""
-    columns = _one(without_dead_band(loop))
+def response_of(prediction: Prediction) -> Response:
+    """Frequency response of the loop at its worst operating point."""
+    columns = _one(without_dead_band(prediction.loop))
     w = np.geomspace(_SLOWEST, math.pi / float(columns["sample_time"][0]), _FREQUENCIES)
     L = loop_response(columns, prediction.plant, w)[0]
     left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
     at, period = (float(of[prediction.worst]) for of in (prediction.cycles.frequency, prediction.cycles.period))
+
+    def index_of(frequency: float) -> int:
+        return int(np.argmin(np.abs(np.log(w / frequency))))
+
     # without any margin, where a gap would have most to add
-    nearest = _index(w, at) if math.isfinite(at) else int(np.argmin(np.abs(left - 45.0)))
-    cycle = _index(w, 2.0 * math.pi / period) if math.isfinite(period) else nearest
+    nearest = index_of(at) if math.isfinite(at) else int(np.argmin(np.abs(left - 45.0)))
+    cycle = index_of(2.0 * math.pi / period) if math.isfinite(period) else nearest
     return Response(w, L, left, nearest, cycle)
 
 
-def of_a_gap() -> Complex:
-    """Describing function of a backlash of any size, over the amplitudes of its input."""
-    amplitude = np.geomspace(0.5 + 1e-6, 500.0, _AMPLITUDES)
-    gap = np.ones_like(amplitude)
-    return describing_function(amplitude, gap, gap)
-
-
-def _index(w: Array, at: float) -> int:
-    return int(np.argmin(np.abs(np.log(w / at))))
-
-
-def phase_shares(loop: Loop, response: Response) -> dict[str, float]:
-    """Degrees that each of ``PARTS`` takes where the loop cycles, or is nearest to it; together 180°.
+def phase_shares(loop: Loop, response: Response) -> xr.DataArray:
+    """Degrees that each part takes where the loop cycles, or is nearest to it; together 180°.
 
     The sampled integral, the phase of 1 + (Ts/Ti)/(1 - z^-1), the sensor's lag and the hold, half a sample, are known
     in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the coil all
@@ -184,7 +173,8 @@ def phase_shares(loop: Loop, response: Response) -> dict[str, float]:
         "backlash": float(response.left[response.cycle]),
     }
     shares["coil"] = 180.0 - sum(shares.values())
-    return {part: shares[part] for part in PARTS}
+    attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": response.period}
+    return xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
 
 
 def why_not_linear(loop: Loop) -> tuple[str, ...]:
@@ -196,26 +186,28 @@ def why_not_linear(loop: Loop) -> tuple[str, ...]:
     return tuple(reason.partition(":")[0] for reason, holds in unknown(columns).items() if holds.any())
 
 
-def why_no_margin(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
+def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
     """Why a prediction has no margin that means anything, a clause; empty where it has."""
     if prediction.worst < 0:
         if not prediction.plants.reachable.any():
             return ("no set-point of the day can be held: the valve is at its end all the time",)
         return ("its compensation crosses the gap too slowly to count as an inverse",)
     gain = prediction.plants.gain[prediction.reached]
-    heats = loop["action"] == "heating"
+    heats = prediction.loop["action"] == "heating"
     if ((gain > 0.0) if heats else (gain < 0.0)).any():
         return ()
     does, other = ("cools", "cooling") if heats else ("warms", "heating")
     return (f"the valve acts the wrong way round: opening it {does} the air, so give action = {other}",)
 
 
-def left_out(loop: Loop, prediction: Prediction) -> tuple[str, ...]:
+def left_out(prediction: Prediction) -> tuple[str, ...]:
     """What the margin does not see, a clause each."""
-    found = []
-    if float(loop["error_dead_band"]) > 0.0:  # type: ignore[arg-type]
-        band = f"the error dead band of {loop['error_dead_band']:g} K"
-        found.append(f"{band}, which may hold a loop still that is predicted to hunt, or make another hunt")
+    found, band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
+    if band > 0.0:
+        found.append(
+            f"the error dead band of {band:g} K, which may hold a loop still that is predicted to hunt, or make "
+            "another hunt"
+        )
     n, missed = prediction.points.size, int(np.count_nonzero(~prediction.plants.reachable))
     if missed:
         found.append(
@@ -248,14 +240,15 @@ class Cure(NamedTuple):
     changes: Mapping[str, Scalar]
 
 
-def shortest_ti(loop: Loop, prediction: Prediction, margin: float) -> float:
+def shortest_ti(prediction: Prediction, margin: float) -> float:
     """Shortest integral time that keeps the margin at or below ``margin`` at every operating point, s; NaN if none.
 
     All longer ones up to an hour keep it, too.  It is sought where the loop is worst now, then wherever that answer
     does not hold.
     """
-    start = min(float(loop["sample_time"]), float(loop["ti"])) / 10.0  # type: ignore[arg-type]
-    grid = np.geomspace(start, max(_LONGEST_TI, 2.0 * float(loop["ti"])), _TI_STEPS)  # type: ignore[arg-type]
+    loop = prediction.loop
+    sample_time, ti = float(loop["sample_time"]), float(loop["ti"])  # type: ignore[arg-type]
+    grid = np.geomspace(min(sample_time, ti) / 10.0, max(_LONGEST_TI, 2.0 * ti), _TI_STEPS)
     swept = loop.assign(ti=("tuning", grid))
     looked_at = np.array([prediction.worst])
     found = math.nan
@@ -291,12 +284,12 @@ def cures_of(loop: Loop, prediction: Prediction | None) -> list[Cure]:
     if prediction is not None and prediction.margin > SAFE:
         less = _rounded(kp * SAFE / prediction.margin, down=True)
         found.append(Cure(LOWER_KP, f"kp {less:g} 1/K, ti {ti:g} s", {"kp": less}))
-        more = shortest_ti(loop, prediction, SAFE)
+        more = shortest_ti(prediction, SAFE)
         if math.isfinite(more):
             more = _rounded(more, down=False)
             found.append(Cure(LONGER_TI, f"kp {kp:g} 1/K, ti {more:g} s", {"ti": more}))
     gains: dict[str, Scalar] = {}
-    simc = simc_gains(loop, prediction) if prediction is not None else None
+    simc = simc_gains(prediction) if prediction is not None else None
     if simc is not None:
         gains = {"kp": _rounded(simc[0]), "ti": _rounded(simc[1])}
         found.append(Cure(SIMC, f"SIMC: kp {gains['kp']:g} 1/K, ti {gains['ti']:g} s", gains))
@@ -402,7 +395,8 @@ def hunts_uncounted(prediction: Prediction, swings: Array, now: xr.Dataset) -> b
     """
     if now["hunts"] > 0 or not prediction.hunting.size:
         return False
-    there, rest = (_median(swings[some]) for some in (prediction.hunting, prediction.elsewhere))
+    elsewhere = np.setdiff1d(prediction.reached, prediction.hunting)
+    there, rest = (_median(swings[some]) for some in (prediction.hunting, elsewhere))
     expected = 2.0 * _median(prediction.cycles.amplitude[prediction.hunting])
     return there > PLAIN * rest or there > max(AS_PREDICTED * expected, OFF)
 

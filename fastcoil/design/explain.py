@@ -3,100 +3,32 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, whole_of
 from fastcoil.base.arrays import Array
-from fastcoil.design.answer import Found, Theory, answer_of, page, sentences, why_of
+from fastcoil.design.answer import Explanation
 from fastcoil.design.cures import (
-    PARTS,
     Prediction,
     cures_of,
-    gain_margin_without_backlash,
     hunts_uncounted,
     left_out,
     phase_shares,
     predict,
     recommended,
     response_of,
-    shortest_ti,
     swings_at,
     try_cures,
     verdict,
     why_no_margin,
     why_not_linear,
 )
-from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import operating_points
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import WARM_UP
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, repr=False)
-class Explanation:
-    """Why one loop hunts on one day, or does not.
-
-    Attributes
-    ----------
-    hunts
-        Whether the simulated day hunts, see the metric of that name.
-    foretold
-        Whether the linear model predicts hunting at some operating point; None where it cannot tell.
-    margin
-        Largest describing-function margin of the day; above 0.85 a loop hunts.  NaN where theory cannot tell.
-    period, amplitude
-        Of the predicted cycle at the worst operating point, s and K (half of peak to peak); NaN without.
-    why
-        The reason in a sentence.
-    doubts
-        Why theory cannot tell, or what it leaves out; empty where there is nothing.
-    phase
-        DataArray over ``part``: degrees that each part of the loop takes at the critical frequency; None without.
-    points
-        Dataset over ``point``: each hour at each set-point with its margin; None where theory cannot tell.
-    cures
-        Dataset over ``cure``, ``as_it_is`` first: the parameters that change, the predicted ``margin``, the simulated
-        metrics, ``words`` and ``verdict``.
-    recommended
-        The cure to take; ``as_it_is`` where the loop is good, or nothing helps.
-    """
-
-    hunts: bool
-    foretold: bool | None
-    margin: float
-    period: float
-    amplitude: float
-    why: str
-    doubts: tuple[str, ...]
-    phase: xr.DataArray | None
-    points: xr.Dataset | None
-    cures: xr.Dataset
-    recommended: str
-    _found: Found
-
-    @property
-    def text(self) -> str:
-        """The explanation in plain sentences, the answer first."""
-        return "\n".join(sentences(self._found))
-
-    def __repr__(self) -> str:
-        return f"<fastcoil explanation: {answer_of(self._found)}>"
-
-    def __str__(self) -> str:
-        return self.text
-
-    def plot(self) -> Figure:
-        """The explanation on one page, as a matplotlib ``Figure``."""
-        return page(self._found)
-
 
 LONGEST = 7 * 86400
 """Seconds of a boundary that is explained: the operating points are reported one by one."""
@@ -147,44 +79,55 @@ def explain(
         cure = f"give a second of the boundary, a whole number from 0 to {last}"
         second = check.unless_none(whole_of, "at", at, 0, last, cure)
     plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
-    loop = _with_estimate(loop)
+    if loop["estimate_ratio"] is not None:  # a cure may change the backlash, or the estimate
+        loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
     points = operating_points(boundary, warm_up, second)
     doubts = why_not_linear(loop)
-    prediction = predict(loop, points) if not doubts else None
+    prediction = None if doubts else predict(loop, points)
     if prediction is not None:
-        doubts = why_no_margin(loop, prediction)
+        doubts = why_no_margin(prediction)
         prediction = None if doubts else prediction
     tried = cures_of(loop, prediction)
     cures = try_cures(loop, boundary, tried, prediction, warm_up, seed)
     swings = swings_at(points, boundary, cures.isel(cure=0))
-    theory = theory_of(loop, prediction, swings) if prediction is not None else None
-    uncounted = prediction is not None and hunts_uncounted(prediction, swings, cures.isel(cure=0))
-    cures = cures.assign(uncounted=uncounted)
+    cures = cures.assign(uncounted=prediction is not None and hunts_uncounted(prediction, swings, cures.isel(cure=0)))
     cures = cures.assign(verdict=("cure", [verdict(cures, k) for k in range(len(tried))]))
-    found = Found(
+    worst = {"margin": math.nan, "period": math.nan, "amplitude": math.nan}
+    if prediction is not None:
+        worst = {name: float(getattr(prediction.cycles, name)[prediction.worst]) for name in worst}
+    return Explanation(
+        predicted=prediction.hunts if prediction is not None else None,
+        **worst,
+        doubts=left_out(prediction) if prediction is not None else doubts,
+        phase=phase_shares(loop, response_of(prediction)) if prediction is not None else None,
+        points=_points_of(prediction, swings) if prediction is not None else None,
+        cures=cures.drop_vars(["T_sup", "elapsed_time", "uncounted"]),
+        recommended=tried[recommended(cures, [cure.name for cure in tried])].name,
         loop=loop,
         boundary=boundary,
-        theory=theory,
-        doubts=doubts,
-        left_out=left_out(loop, prediction) if prediction is not None else (),
-        cures=cures,
-        best=recommended(cures, [cure.name for cure in tried]),
+        _prediction=prediction,
+        _simulated=cures,
     )
-    worst: dict[str, Any] = {"foretold": None, "margin": math.nan, "period": math.nan, "amplitude": math.nan}
-    if prediction is not None:
-        cycles = prediction.cycles
-        worst = {"foretold": prediction.hunts, "margin": prediction.margin}
-        worst |= {name: float(getattr(cycles, name)[prediction.worst]) for name in ("period", "amplitude")}
-    return Explanation(
-        hunts=found.hunts,
-        **worst,
-        why=why_of(found),
-        doubts=found.doubts + found.left_out,
-        phase=theory.phase if theory is not None else None,
-        points=theory.points if theory is not None else None,
-        cures=cures.drop_vars(["T_sup", "elapsed_time", "uncounted"]),
-        recommended=tried[found.best].name,
-        _found=found,
+
+
+def _points_of(prediction: Prediction, swings: Array) -> xr.Dataset:
+    """The operating points with their margins, and the swing simulated at each, K."""
+    points, plants, cycles = prediction.points, prediction.plants, prediction.cycles
+    kelvin, second = {"units": "K"}, {"units": "s"}
+    return xr.Dataset(
+        {
+            "start": ("point", points.start, second | {"long_name": "first second"}),
+            "seconds": ("point", points.seconds, second | {"long_name": "seconds spent there"}),
+            **{name: ("point", values) for name, values in points.conditions.items()},
+            "opening": ("point", plants.opening),
+            "gain": ("point", plants.gain, kelvin | {"long_name": "change per unit of opening"}),
+            "reachable": ("point", plants.reachable),
+            "margin": ("point", cycles.margin),
+            "hunts": ("point", cycles.hunts),
+            "period": ("point", cycles.period, second),
+            "amplitude": ("point", cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
+            "swing": ("point", swings, kelvin | {"long_name": "simulated, peak to peak"}),
+        }
     )
 
 
@@ -200,24 +143,3 @@ def _too_many(loop: Loop, boundary: Boundary) -> list[str]:
             f"boundary lasts {boundary.hours:g} h: give at most {LONGEST // 3600} h, they are reported one by one"
         )
     return found
-
-
-def _with_estimate(loop: Loop) -> Loop:
-    """The loop with its estimate as such: a cure may change the backlash, or the estimate."""
-    if loop["estimate_ratio"] is None:
-        return loop
-    return loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
-
-
-def theory_of(loop: Loop, prediction: Prediction, swings: Array) -> Theory:
-    """What theory tells at the worst operating point."""
-    response = response_of(loop, prediction)
-    shares = phase_shares(loop, response)
-    attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": response.period}
-    phase = xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
-    # the margin goes with kp
-    factor = HUNTS_ABOVE / prediction.margin if prediction.margin else math.inf
-    ti = shortest_ti(loop, prediction, HUNTS_ABOVE)
-    return Theory(
-        prediction, response, factor, ti, phase, gain_margin_without_backlash(loop, prediction), swings
-    )  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, mark_logarithms, wrapped
 from fastcoil.base.results import Result, as_toml, in_toml
 from fastcoil.design.measures import CHANGE, Limit, Measure
 from fastcoil.design.tuning_plan import ONE_OF, Asked, has_good_valve
@@ -135,7 +135,6 @@ _LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", 
 def draw_front(tuning: Tuning) -> Figure:
     """Draw the front where it was found, and the same tunings on the hold-out."""
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator
 
     fig = Figure(figsize=_SIZE, layout="constrained")
     axes = fig.add_subplot()
@@ -155,9 +154,7 @@ def draw_front(tuning: Tuning) -> Figure:
     axes.set(xlabel=travel.words, ylabel=error.words)
     for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
         scale("log")
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("")
+        mark_logarithms(axis)
     groups = f"Searched on {tuning.trained.attrs['group']}, held out {tuning.held_out.attrs['group']}."
     words = f"{groups}  Bars: 95 % for other valves and days."
     axes.set_title(wrapped(words, _TITLE, 9), loc="left")

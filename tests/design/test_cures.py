@@ -109,7 +109,7 @@ def test_the_swing_at_an_operating_point_is_that_of_its_settled_seconds():
 def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted():
     def uncounted(swings, hunts=0.0, amplitude=1.0):
         cycles = SimpleNamespace(amplitude=np.full(5, amplitude))
-        prediction = SimpleNamespace(hunting=np.array([0, 1]), elsewhere=np.array([2, 3, 4]), cycles=cycles)
+        prediction = SimpleNamespace(hunting=np.array([0, 1]), reached=np.arange(5), cycles=cycles)
         return hunts_uncounted(prediction, np.array(swings), xr.Dataset({"hunts": hunts}))
 
     assert uncounted([1.0, np.nan, 0.5, 0.6, 0.4])

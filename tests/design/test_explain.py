@@ -59,7 +59,7 @@ def test_a_loop_that_hunts_says_so_first_with_size_and_period_and_what_to_change
     assert f"ti = 10 s, while with this kp the loop needs about {ti:g} s (margin {hunting.margin:.2g};" in why
     assert str(hunting) == hunting.text
     assert hunting.hunts
-    assert hunting.foretold
+    assert hunting.predicted
     assert hunting.why == why
     assert 0.5 < 2.0 * hunting.amplitude / swing < 2.0
     assert 0.7 < hunting.period / period < 1.4
@@ -82,7 +82,7 @@ def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_reported(hunt
 
 def test_a_loop_that_does_not_hunt_reports_how_far_it_is_and_what_backlash_costs_anyway(quiet):
     assert not quiet.hunts
-    assert quiet.foretold is False
+    assert quiet.predicted is False
     assert quiet.text.startswith("This loop will not hunt.")
     factor = float(re.search(r"it would with ([\d.]+) times this kp", quiet.why)[1])
     beyond = explain(LBNL.assign(kp=0.018 * factor), DAY)
@@ -108,7 +108,7 @@ def test_a_second_is_explained_by_its_own_conditions():
 @pytest.mark.filterwarnings("ignore:T_set is 3 degC or less")
 def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(unpredicted):
     found = unpredicted
-    assert found.foretold is None
+    assert found.predicted is None
     assert math.isnan(found.margin)
     assert "theory cannot tell, since an estimator changes the estimate as it goes." in found.why
     assert found.points is None
@@ -121,7 +121,7 @@ def test_a_swing_that_only_a_slow_motor_keeps_up_is_not_blamed_on_gains_that_are
     slow = LBNL.assign(stroke_time=600.0, backlash=0.15, kp=0.009, ti=6.2)
     found = explain(slow, fc.constant_day(8), warm_up=7200)
     assert found.hunts
-    assert found.foretold
+    assert found.predicted
     assert found.margin < HUNTS_ABOVE
     assert found.why.startswith("Why: the motor is too slow, with 600 s for a full stroke: ")
     assert "Any backlash starts it" not in found.text
@@ -139,7 +139,7 @@ def test_a_margin_that_is_too_large_is_never_reported_as_room_for_a_larger_kp():
 def test_a_valve_that_acts_the_wrong_way_round_is_reported_and_not_how_far_it_is_from_hunting():
     found = explain(LBNL.assign(action="heating"), DAY)
     assert "opening it cools the air, so give action = cooling." in found.why
-    assert found.foretold is None
+    assert found.predicted is None
     assert "None of these makes it hold its set-point." in found.text
     assert "costs anyway" not in found.text
 

@@ -26,7 +26,7 @@ from fastcoil.deliver.report.page import (
     picture,
     setting,
 )
-from fastcoil.design.explain import Explanation
+from fastcoil.design.answer import Explanation
 from fastcoil.design.tuning_result import Tuning, table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
 from fastcoil.loops.provenance import content_sha256
@@ -254,7 +254,7 @@ _ADVICE = ("Do this", "If the error matters", "Leave it", "None of these")  # ho
 
 def explanation_page(e: Explanation) -> Page:
     """The report of an explanation."""
-    loop, boundary = e._found.loop, e._found.boundary
+    loop, boundary = e.loop, e.boundary
     computed: list[Block] = [facts(
         ("Day", boundary.describe()),
         ("Predicted by", "the describing function of the gap in a linear model of the loop at each operating point"),
