@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
 @click.option("-j", "--jobs", type=int, help="Number of workers; all cores by default.  Does not affect results.")
 @click.option("--backend", default="threads", show_default=True, help="threads, loky (processes) or dask.")
-@click.option("--scheduler", help="Address of a dask scheduler; a cluster on this machine by default.")
+@click.option("--scheduler", help="Address of the scheduler of a dask cluster.")
 @click.option("--extend", is_flag=True, help="Extend a smaller version of the study: only new scenarios are run.")
 @click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
 def run(

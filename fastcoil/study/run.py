@@ -100,7 +100,7 @@ def run_study(
         ``threads`` (default), ``loky`` (processes: one that crashes takes nothing else down) or ``dask``.  Results do
         not depend on it.
     scheduler
-        Address of a dask scheduler, such as ``tcp://host:8786``; a cluster on this machine by default.
+        Address of a dask scheduler, such as ``tcp://host:8786``; for the backend dask.
     extend
         Whether ``out`` may hold a smaller version of the study, all of which is kept.
     progress

@@ -145,7 +145,6 @@ def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["loky", "dask"])
 @pytest.mark.parametrize("file", ["shard", "traces", "results"])
-def test_another_kind_of_workers_leaves_the_same_files(command, out, undisturbed, file, backend):
-    kill_and_restart(command, out, undisturbed, step_of(file, undisturbed[1]), "-j", "2", "--backend", backend)
+def test_another_kind_of_workers_leaves_the_same_files(command, out, undisturbed, file):
+    kill_and_restart(command, out, undisturbed, step_of(file, undisturbed[1]), "-j", "2", "--backend", "loky")

@@ -71,17 +71,14 @@ if __name__ == "__main__":
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
+@pytest.mark.parametrize("backend", ["threads", "loky"])
 def test_a_program_that_runs_a_study_leaves_no_process_and_no_file(tmp_path, backend):
-    if backend == "dask":
-        pytest.importorskip("distributed")
     (tmp_path / "small.toml").write_text(PLAIN)
     (tmp_path / "program.py").write_text(SCRIPT)
     temporary, shared = tmp_path / "temporary", Path("/dev/shm")
     temporary.mkdir()
     in_memory = set(os.listdir(shared)) if shared.exists() else set()
-    places = {"TMPDIR": str(temporary), "DASK_TEMPORARY_DIRECTORY": str(temporary)}
-    program = started("program.py", backend, cwd=tmp_path, **places)
+    program = started("program.py", backend, cwd=tmp_path, TMPDIR=str(temporary))
     try:
         said, err = program.communicate(timeout=100)
         wait_for(lambda: not in_group(program.pid), within=5)
@@ -89,8 +86,7 @@ def test_a_program_that_runs_a_study_leaves_no_process_and_no_file(tmp_path, bac
         kill_group(program)
     assert program.returncode == 0, err
     assert said.split() == [golden(PLAIN), "[]"]
-    # dask keeps its scratch space, and the locks in it
-    assert [p for p in temporary.rglob("*") if p.name != "dask-scratch-space" and p.suffix != ".lock"] == []
+    assert list(temporary.rglob("*")) == []
     if shared.exists():
         assert [n for n in set(os.listdir(shared)) - in_memory if "joblib" in n or "loky" in n] == []
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "program.py", "small.toml", "temporary"]

@@ -99,7 +99,7 @@ PROGRAMS = {
     "look": look_from_eight_threads,
     "run": run_in_four_threads,
     "gather": gather,
-    **{f"{b} in a loop": lambda f, b=b: run_inside_an_event_loop(f, b) for b in ("threads", "loky", "dask")},
+    **{f"{b} in a loop": lambda f, b=b: run_inside_an_event_loop(f, b) for b in ("threads", "loky")},
 }
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180)]
         "run",
         *(
             pytest.param(name, marks=pytest.mark.full)
-            for name in ("look", "gather", "threads in a loop", "loky in a loop", "dask in a loop")
+            for name in ("look", "gather", "threads in a loop", "loky in a loop")
         ),
     ],
 )

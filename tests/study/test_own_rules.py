@@ -110,9 +110,10 @@ def test_a_study_gives_what_simulate_gives_on_every_backend(path, trace, tmp_pat
 @pytest.mark.kernel
 @pytest.mark.full
 @pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_processes_give_the_same_bits(path, tmp_path, backend):
+def test_processes_give_the_same_bits(path, tmp_path, backend, two_workers):
     threads = fc.run_study(path, tmp_path / "threads", n_jobs=2)
-    processes = fc.run_study(path, tmp_path / "processes", n_jobs=2, backend=backend)
+    scheduler = two_workers.address if backend == "dask" else None
+    processes = fc.run_study(path, tmp_path / "processes", n_jobs=2, backend=backend, scheduler=scheduler)
     assert threads.attrs["content_sha256"] == processes.attrs["content_sha256"]
 
 

@@ -9,13 +9,9 @@ import asyncio
 import concurrent.futures as cf
 import contextlib
 import ipaddress
-import linecache
-import logging
 import os
 import pickle
 import queue
-import signal
-import sys
 import tempfile
 import time
 import uuid
@@ -24,7 +20,6 @@ import weakref
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -39,7 +34,6 @@ from fastcoil.study.workers.worker import (
     Job,
     forget,
     identity,
-    leave_interrupts,
     receive,
     receive_in_child,
     run_from_file,
@@ -51,71 +45,13 @@ _WAIT_FOR_SCHEDULER = 10.0
 """Seconds."""
 
 
-def start_local_cluster(n_workers: int) -> Any:
-    """Start workers as processes of this machine, which no other machine can reach.
-
-    ``InputError`` if they do not start because the script that calls this starts them again in each of them;
-    ``FastcoilError`` if they do not start for another reason.
-    """
-    import dask
-    from distributed import LocalCluster
-
-    # nannies replace workers; the library would close a nanny soon after a death, and with it what its worker then runs
-    dask.config.set({"distributed.deploy.lost-worker-timeout": "365 days"})
-    # the dispatcher retries shards that kill, for it can halve them; no port that another cluster may have
-    quiet = {"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"}
-
-    def start() -> Any:
-        # threads and processes inherit it: Ctrl-C is for the thread that waits, and for no worker that still starts
-        resource_tracker.ensure_running()  # which would set it back
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        return LocalCluster(
-            n_workers=n_workers,
-            host="127.0.0.1",
-            threads_per_worker=1,
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-            scheduler_kwargs=quiet,
-        )
-
-    try:
-        return within(None, start)
-    except KeyboardInterrupt:
-        # what is still starting fails as the program ends
-        logging.getLogger("asyncio").addFilter(lambda record: "never retrieved" not in record.getMessage())
-        raise
-    except RuntimeError as error:
-        path = getattr(sys.modules.get("__main__"), "__file__", None)
-        if path and "__main__" not in "".join(linecache.getlines(str(path))):  # each worker runs this program again
-            raise InputError(
-                f"the workers of a dask cluster on this machine do not start ({error}): call it in a script only under "
-                "if __name__ == '__main__', or use the backend loky, which needs no such line"
-            ) from None
-        raise workers_missing(None, error) from None
-
-
-def workers_missing(scheduler: str | None, error: Exception) -> FastcoilError:
-    """The error where the workers of a cluster do not come, or die again and again."""
-    if scheduler is not None:
-        return InputError(
-            f"the dask scheduler at {scheduler} has no workers, or one that does not answer: start one with "
-            f"`dask worker {scheduler}`"
-        )
-    return FastcoilError(
-        f"the workers of a dask cluster on this machine do not start ({str(error) or type(error).__name__}): they were "
-        "killed, or lack memory; finished scenarios are kept, run the same command again, with fewer workers or the "
-        "backend loky"
-    )
-
-
-def connect(address: Any) -> Any:
-    """A client of a cluster, or of the scheduler at an address; ``InputError`` if no scheduler answers there."""
+def connect(address: str) -> Any:
+    """A client of the scheduler at an address; ``InputError`` if none answers there."""
     import distributed
 
     try:
-        if isinstance(address, str):
-            with cf.ThreadPoolExecutor(1) as thread:  # in a notebook this thread has an event loop of its own
-                thread.submit(lambda: asyncio.run(_check_answers(address))).result()
+        with cf.ThreadPoolExecutor(1) as thread:  # in a notebook this thread has an event loop of its own
+            thread.submit(lambda: asyncio.run(_check_answers(address))).result()
         client = distributed.Client(address, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
     except Exception as error:  # the library may raise anything at an unexpected answer
         reason = str(error) or type(error).__name__
@@ -123,7 +59,7 @@ def connect(address: Any) -> Any:
             f"no dask scheduler answers at {address!r} ({reason}): give the address it printed when it started, "
             "such as tcp://host:8786, and for tls:// dask's settings of the certificates"
         ) from None
-    if isinstance(address, str) and not _is_guarded(address):
+    if not _is_guarded(address):
         warnings.warn(
             f"anyone who can reach the dask scheduler at {address}, or its workers, can run code as you: use tls:// on "
             "a network that you do not trust",
@@ -152,17 +88,17 @@ async def _check_answers(address: str) -> None:
     comm.abort()
 
 
-_WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER, _WAIT_FOR_END, _BEFORE_NEXT_TRY = 60.0, 5.0, 30.0, 0.5
-"""Seconds."""
+_WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER, _BEFORE_NEXT_TRY = 60.0, 5.0, 0.5  # seconds
 
 
 class Dask:
-    """A dask cluster: the one at ``scheduler``, or one of this machine's processes."""
+    """The dask cluster at ``scheduler``."""
 
     falls_together = False
     can_kill = True
+    shared = True
 
-    def __init__(self, job: Job, n_workers: int, scheduler: str | None) -> None:
+    def __init__(self, job: Job, scheduler: str) -> None:
         try:
             import distributed
         except ImportError:
@@ -170,17 +106,9 @@ class Dask:
         # when the scheduler is lost, futures are cancelled
         self.deaths: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
         self._job = job._replace(key=f"{job.key}-{uuid.uuid4().hex}")  # two runs of a study may share a cluster
-        self._scheduler, self._n_asked = scheduler, n_workers
-        self.shared = scheduler is not None
-        self._cluster: Any = None
-        self._client: Any = None
-        self._start()
-
-    def _start(self) -> None:
+        self._scheduler = scheduler
+        self._client = connect(scheduler)
         try:
-            if self._scheduler is None:
-                self._cluster = start_local_cluster(self._n_asked)
-            self._client = connect(self._cluster or self._scheduler)
             self._equip_workers()
         except BaseException:
             self.close()
@@ -199,12 +127,15 @@ class Dask:
                 raise
             except Exception as error:  # the library raises many things where a worker dies meanwhile
                 if isinstance(error, TimeoutError) or time.monotonic() > end:
-                    raise workers_missing(self._scheduler, error) from None
+                    raise InputError(
+                        f"the dask scheduler at {self._scheduler} has no workers, or one that does not answer: start "
+                        f"one with `dask worker {self._scheduler}`"
+                    ) from None
             time.sleep(_BEFORE_NEXT_TRY)
 
     def _equip_those_that_live(self) -> None:
-        plugin = _make_plugin(self._job, ours=self._cluster is not None)
-        self._client.wait_for_workers(1 if self._scheduler else self._n_asked, timeout=_WAIT_FOR_WORKERS)
+        plugin = _make_plugin(self._job)
+        self._client.wait_for_workers(1, timeout=_WAIT_FOR_WORKERS)
         self._identity = within(_WAIT_FOR_WORKERS, self._check_identity)
         within(_WAIT_FOR_WORKERS, lambda: self._client.register_plugin(plugin))
 
@@ -259,44 +190,33 @@ class Dask:
         return [key for found in stacks.values() for key in found]
 
     def restart(self) -> None:
-        if self._scheduler is not None:  # others use it too, and it replaces its workers itself if it can
-            raise FastcoilError(
-                f"the dask cluster at {self._scheduler} no longer answers: its workers are gone, busy with something "
-                "else or hang; repair it and run the same command again to resume"
-            )
-        self.close()
-        self._start()
+        # others use it too, and it replaces its workers itself if it can
+        raise FastcoilError(
+            f"the dask cluster at {self._scheduler} no longer answers: its workers are gone, busy with something else "
+            "or hang; repair it and run the same command again to resume"
+        )
 
     def close(self) -> None:
         # whatever is slow to end, or broken, ends with this process; what was computed must not be lost for it
-        if self._client is not None:
-            if self._cluster is None and self._client.status == "running":
-                with contextlib.suppress(Exception):  # only memory is left there
-                    within(_WAIT_FOR_ANSWER, lambda: self._client.unregister_worker_plugin(_plugin_name(self._job)))
-            with contextlib.suppress(Exception):
-                self._client.close(timeout=_WAIT_FOR_ANSWER)
-        if self._cluster is not None:
-            with contextlib.suppress(Exception):
-                self._cluster.close(timeout=_WAIT_FOR_END)
+        if self._client.status == "running":
+            with contextlib.suppress(Exception):  # only memory is left there
+                within(_WAIT_FOR_ANSWER, lambda: self._client.unregister_worker_plugin(_plugin_name(self._job)))
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=_WAIT_FOR_ANSWER)
 
 
 def _plugin_name(job: Job) -> str:
     return f"fastcoil-{job.key}"
 
 
-def _make_plugin(job: Job, *, ours: bool) -> Any:
-    """A plugin that hands the job to every worker of a cluster, also to those that join later.
-
-    ours: whether the workers are children of this process, and in the foreground of the same terminal.
-    """
+def _make_plugin(job: Job) -> Any:
+    """A plugin that hands the job to every worker of a cluster, also to those that join later."""
     from distributed import WorkerPlugin
 
     class Receive(WorkerPlugin):  # type: ignore[misc]
         name = _plugin_name(job)
 
         def setup(self, worker: object) -> None:
-            if ours:
-                leave_interrupts()
             receive(job)
 
         def teardown(self, worker: object) -> None:
@@ -418,8 +338,8 @@ class Loky:
 
 def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:
     """Start the workers of a backend."""
-    if backend == "dask":
-        return Dask(job, n_workers, scheduler)
+    if scheduler is not None:
+        return Dask(job, scheduler)
     return Loky(job, n_workers) if backend == "loky" else Threads(job, n_workers)
 
 
@@ -429,6 +349,8 @@ def backend_problems(backend: str, scheduler: str | None) -> list[str]:
         return [f"backend = {shown(backend)}: choose one of {', '.join(BACKENDS)}"]
     if scheduler == "":
         return ["scheduler is empty: give an address such as tcp://host:8786, or leave it out"]
+    if backend == "dask" and scheduler is None:
+        return ["backend = 'dask' without scheduler: give its address; on this machine alone, loky does the same"]
     if scheduler is not None and backend != "dask":
         return [f"scheduler = {shown(scheduler)}: only the backend dask has one, choose it or leave scheduler out"]
     return []

@@ -113,8 +113,9 @@ def test_a_run_may_be_resumed_with_another_number_of_workers_and_other_stretches
 
 @pytest.mark.full
 @pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_processes_hand_on_the_state(tmp_path, backend):
-    assert run(GROUPS, tmp_path / "out", n_jobs=2, backend=backend) == golden(GROUPS)
+def test_processes_hand_on_the_state(tmp_path, backend, two_workers):
+    scheduler = two_workers.address if backend == "dask" else None
+    assert run(GROUPS, tmp_path / "out", n_jobs=2, backend=backend, scheduler=scheduler) == golden(GROUPS)
 
 
 @pytest.mark.full

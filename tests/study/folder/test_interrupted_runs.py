@@ -44,7 +44,7 @@ def slow_run(tmp_path):
 
     def start(backend, n_jobs=2):
         words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", backend, "-j", n_jobs, "--no-figures")
-        runs.append(started(*words, cwd=tmp_path, DASK_TEMPORARY_DIRECTORY=str(tmp_path / "dask")))
+        runs.append(started(*words, cwd=tmp_path))
         wait_for(lambda: len(list((tmp_path / "out" / SHARDS).glob("*.nc"))) >= 2, within=60)
         return runs[-1]
 
@@ -60,7 +60,7 @@ def resumed(folder, golden):
 
 
 # for threads, see the commands that are interrupted
-@pytest.mark.parametrize("backend", ["loky", *(pytest.param(b, marks=pytest.mark.full) for b in ("threads", "dask"))])
+@pytest.mark.parametrize("backend", ["loky", pytest.param("threads", marks=pytest.mark.full)])
 def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, backend):
     run = slow_run(backend, n_jobs=1)  # two in the tests of other signals
     workers = children(run.pid)
@@ -70,8 +70,7 @@ def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, 
     code, _, err = ended(run, 20)
     assert time.monotonic() - start < 5
     assert code == 130
-    # dask's processes may have a last word of their own
-    last = [line for line in err.splitlines() if line.startswith("fastcoil: ")][-1]
+    last = err.splitlines()[-1]
     assert last.startswith("fastcoil: interrupted; finished scenarios are kept, to resume:")
     assert "Traceback" not in err
     assert gone(workers.values(), 2)
@@ -79,9 +78,8 @@ def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, 
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_ctrl_c_twice_ends_a_run_at_once_too(slow_run, golden, tmp_path, backend):
-    run = slow_run(backend)
+def test_ctrl_c_twice_ends_a_run_at_once_too(slow_run, golden, tmp_path):
+    run = slow_run("loky")
     workers = children(run.pid)
     for _ in range(2):
         os.killpg(run.pid, signal.SIGINT)
@@ -92,10 +90,9 @@ def test_ctrl_c_twice_ends_a_run_at_once_too(slow_run, golden, tmp_path, backend
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["loky", "dask"])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_batch_system_that_ends_a_run_leaves_no_worker(slow_run, golden, tmp_path, backend, number):
-    run = slow_run(backend)
+def test_a_batch_system_that_ends_a_run_leaves_no_worker(slow_run, golden, tmp_path, number):
+    run = slow_run("loky")
     workers = children(run.pid)
     run.send_signal(number)
     code, _, err = ended(run, 20)
@@ -105,9 +102,8 @@ def test_a_batch_system_that_ends_a_run_leaves_no_worker(slow_run, golden, tmp_p
     resumed(tmp_path, golden)
 
 
-@pytest.mark.parametrize("backend", ["loky", pytest.param("dask", marks=pytest.mark.full)])
-def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path, backend):
-    run = slow_run(backend)
+def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path):
+    run = slow_run("loky")
     workers = [p for p in psutil.Process(run.pid).children(recursive=True)]
     assert len(workers) >= 2
     run.kill()

@@ -29,9 +29,6 @@ def hash_of(results):
         pytest.param("loky", 1, marks=pytest.mark.full),
         ("loky", 2),
         pytest.param("loky", 3, marks=pytest.mark.full),
-        ("dask", 1),
-        pytest.param("dask", 2, marks=pytest.mark.full),
-        pytest.param("dask", 3, marks=pytest.mark.full),
     ],
 )
 def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, backend, n_jobs):
@@ -150,43 +147,28 @@ finally:
         ("threads", {"PYTHONHASHSEED": "1"}),
         pytest.param("threads", {"PYTHONHASHSEED": "2", "NUMBA_NUM_THREADS": "1"}, marks=pytest.mark.full),
         pytest.param("loky", {"PYTHONHASHSEED": "3"}, marks=pytest.mark.full),
-        pytest.param("dask", {"PYTHONHASHSEED": "4"}, marks=pytest.mark.full),
     ],
 )
-def test_the_environment_does_not_show_and_dask_is_loaded_only_for_dask(small_study, golden, tmp_path, backend, env):
+def test_the_environment_does_not_show_and_dask_is_not_loaded(small_study, golden, tmp_path, backend, env):
     words = ("-c", COMMAND, "run", small_study, "-o", "out", "--backend", backend, "-j", "2", "--no-figures")
     env |= {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    env |= {"OMP_NUM_THREADS": "99", "TZ": "Asia/Kathmandu", "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
+    env |= {"OMP_NUM_THREADS": "99", "TZ": "Asia/Kathmandu"}
     code, out, err = ended(started(*words, cwd=tmp_path, **env))
     assert code == 0, err
     # it takes a second to load
-    assert out.splitlines()[-1] == f"distributed: {backend == 'dask'}"
+    assert out.splitlines()[-1] == "distributed: False"
     assert (tmp_path / "out" / "study.toml").read_bytes() == small_study.read_bytes()
     with xr.open_dataset(tmp_path / "out" / "results.nc") as ds:
         assert hash_of(ds) == golden
 
 
-def script_without_a_guard(folder, study, backend):
-    script = folder / "script.py"
-    script.write_text(
-        "import fastcoil as fc\n"
-        f"ds = fc.run_study({str(study)!r}, 'out', backend={backend!r}, n_jobs=1)\n"
-        "print(ds.attrs['content_sha256'])\n"
-    )
-    return ended(started(script, cwd=folder, DASK_TEMPORARY_DIRECTORY=str(folder)))
-
-
 @pytest.mark.full
 def test_a_script_with_processes_needs_no_guard_around_its_main_part(small_study, golden, tmp_path):
-    code, out, err = script_without_a_guard(tmp_path, small_study, "loky")
+    (tmp_path / "script.py").write_text(
+        "import fastcoil as fc\n"
+        f"ds = fc.run_study({str(small_study)!r}, 'out', backend='loky', n_jobs=1)\n"
+        "print(ds.attrs['content_sha256'])\n"
+    )
+    code, out, err = ended(started("script.py", cwd=tmp_path))
     assert code == 0, err
     assert out.split() == [golden]
-
-
-@pytest.mark.full
-def test_a_script_with_dask_hears_that_it_needs_one(small_study, tmp_path):
-    code, _, err = script_without_a_guard(tmp_path, small_study, "dask")
-    assert code == 1
-    last = err.strip().splitlines()[-1]
-    assert "only under if __name__ == '__main__'" in last
-    assert not (tmp_path / "out").exists()

@@ -56,7 +56,10 @@ def here(tmp_path, monkeypatch):
         (["-j", "0"], "n_jobs = 0: must be at least 1"),
         (["-j", "-1"], "n_jobs = -1: must be at least 1"),
         (["-j", "10000", "--backend", "loky"], "n_jobs = 10000: must be at least 1 and at most 1024"),
-        (["-j", "10000", "--backend", "dask"], "n_jobs = 10000: must be at least 1 and at most 1024"),
+        (
+            ["--backend", "dask"],
+            "'dask' without scheduler: give its address; on this machine alone, loky",
+        ),
     ],
 )
 def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
@@ -119,7 +122,9 @@ def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
     for name in [n for n in sys.modules if n.split(".")[0] == "distributed"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)
-    assert "pip install 'fastcoil[dask]'" in refused(here, "small.toml", "--backend", "dask")
+    assert "pip install 'fastcoil[dask]'" in refused(
+        here, "small.toml", "--backend", "dask", "--scheduler", "tcp://127.0.0.1:1"
+    )
 
 
 def test_workers_of_another_version_are_refused(here, monkeypatch, two_workers):

@@ -1,67 +1,19 @@
-"""A cluster of this machine is for this machine alone; one at an address speaks TLS if asked to, or is noted."""
+"""A cluster speaks TLS if asked to, or is noted."""
 
 from __future__ import annotations
 
-import os
-import re
 import shutil
-import signal
 import subprocess
-import sys
-import threading
-import time
 import warnings
-from types import ModuleType
 
 import pytest
-from helpers.processes import children, cluster, ended, started, wait_for
+from helpers.processes import cluster, ended, started
 
 import fastcoil as fc
 from fastcoil.study.workers import pools as dask_connection
-from fastcoil.study.workers.pools import connect, start_local_cluster
+from fastcoil.study.workers.pools import connect
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
-
-
-def listeners():
-    """Where this process and its children wait for others: process, address, port."""
-    import psutil
-
-    processes = [psutil.Process(), *children().values()]
-    found = [(p.pid, *c.laddr) for p in processes for c in p.net_connections("inet") if c.status == "LISTEN"]
-    return set(found)
-
-
-@pytest.fixture
-def local():
-    """A cluster with one worker, and its client."""
-    before = listeners()
-    found = start_local_cluster(1)
-    client = connect(found)
-    assert {address for _, address, _ in listeners() - before} == {"127.0.0.1"}
-    yield client
-    client.close()
-    found.close()
-
-
-@pytest.fixture
-def impatient():
-    """Have the library give up lost workers sooner than they come back."""
-    import dask
-    import distributed  # noqa: F401 — its settings, before they are changed
-
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": "50ms"}):
-        yield
-
-
-def test_a_local_cluster_replaces_dead_workers_and_only_this_machine_can_reach_it(impatient, local):
-    before = set(local.nthreads())
-    assert len(before) == 1
-    (pid,) = local.run(os.getpid).values()
-    os.kill(pid, signal.SIGKILL)
-    wait_for(lambda: not before & set(local.nthreads()))
-    # nor is what the next worker runs lost
-    local.submit(time.sleep, 1.0).result(timeout=30)
 
 
 CERTIFICATE = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=127.0.0.1 -keyout key.pem -out cert.pem"
@@ -127,50 +79,3 @@ def test_a_scheduler_that_others_can_reach_without_a_certificate_is_noted_once(m
     ]
     notes[0] += "network that you do not trust"
     assert [str(w.message) for w in warned] == ([] if guarded else notes)
-
-
-@pytest.mark.parametrize(
-    ("text", "kind", "cure"),
-    [
-        ("start()", fc.InputError, "only under if __name__ == '__main__'"),
-        ("if __name__ == '__main__':\n    start()", fc.FastcoilError, "they were killed, or lack memory"),
-        (None, fc.FastcoilError, "they were killed, or lack memory"),
-    ],
-)
-def test_workers_that_do_not_start_are_explained_by_the_program(tmp_path, monkeypatch, text, kind, cure):
-    import distributed
-
-    def refuse(*_, **__):
-        raise RuntimeError("Nanny failed to start.")
-
-    program = ModuleType("__main__")
-    if text is not None:
-        (tmp_path / "program.py").write_text(text)
-        program.__file__ = str(tmp_path / "program.py")
-    monkeypatch.setitem(sys.modules, "__main__", program)
-    monkeypatch.setattr(distributed.LocalCluster, "__init__", refuse)
-    with pytest.raises(fc.FastcoilError, match=re.escape("(Nanny failed to start.): ")) as refused:
-        start_local_cluster(1)
-    assert type(refused.value) is kind
-    assert cure in str(refused.value)
-
-
-def test_a_start_that_is_interrupted_ends_at_once_and_its_workers_never_hear_of_it(monkeypatch):
-    import distributed
-
-    masks, goes_on = [], threading.Event()
-
-    def start(*_, **__):
-        masks.append(signal.pthread_sigmask(signal.SIG_BLOCK, []))
-        os.kill(os.getpid(), signal.SIGINT)
-        goes_on.wait(30)
-        raise RuntimeError("too late")
-
-    monkeypatch.setattr(distributed.LocalCluster, "__init__", start)
-    before = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        start_local_cluster(1)
-    goes_on.set()
-    assert time.monotonic() - before < 10
-    assert signal.SIGINT in masks[0]
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])

@@ -44,10 +44,6 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtu
         pytest.param("loky", failing_shards.exits, marks=pytest.mark.full),
         pytest.param("loky", failing_shards.segfaults, marks=pytest.mark.full),
         pytest.param("loky", failing_shards.out_of_memory, marks=pytest.mark.full),
-        pytest.param("dask", failing_shards.killed, marks=pytest.mark.full),
-        pytest.param("dask", failing_shards.exits, marks=pytest.mark.full),
-        pytest.param("dask", failing_shards.segfaults, marks=pytest.mark.full),
-        pytest.param("dask", failing_shards.out_of_memory, marks=pytest.mark.full),
     ],
 )
 def test_a_scenario_that_kills_is_crashed_and_no_other(
@@ -74,7 +70,7 @@ def check_crashing(study, healthy, folder, culprits, **options):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
+@pytest.mark.parametrize("backend", ["threads", "loky"])
 @pytest.mark.parametrize("size", [4, 20])
 def test_several_scenarios_that_kill_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch, backend, size):
     cut(monkeypatch, size)
@@ -99,12 +95,11 @@ def test_several_scenarios_without_memory_are_crashed_and_no_other(study, health
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_path, monkeypatch, backend):
+def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_path, monkeypatch):
     cut(monkeypatch, 10)
     once = tmp_path / "once"
     harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=once)
-    finished = execute(harmed, tmp_path / "out", backend=backend, n_jobs=2)
+    finished = execute(harmed, tmp_path / "out", backend="loky", n_jobs=2)
     assert once.exists()
     assert finished.results.attrs["content_sha256"] == golden
 
@@ -127,30 +122,21 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
 
 
 @pytest.mark.alone
-@pytest.mark.parametrize(
-    ("backend", "harm"),
-    [
-        ("loky", failing_shards.stops),
-        pytest.param("loky", failing_shards.hangs, marks=pytest.mark.full),
-        pytest.param("dask", failing_shards.stops, marks=pytest.mark.full),
-        pytest.param("dask", failing_shards.hangs, marks=pytest.mark.full),
-    ],
-)
-def test_a_worker_that_hangs_once_is_replaced(study, golden, tmp_path, monkeypatch, backend, harm):
+@pytest.mark.parametrize("harm", [failing_shards.stops, pytest.param(failing_shards.hangs, marks=pytest.mark.full)])
+def test_a_worker_that_hangs_once_is_replaced(study, golden, tmp_path, monkeypatch, harm):
     cut(monkeypatch, 20)
     monkeypatch.setattr(dispatch, "_FIRST_LIMIT", 20.0)
     monkeypatch.setattr(dispatch, "_LEAST_LIMIT", 3.0)
     monkeypatch.setattr(dispatch, "_LIMIT_FACTOR", 2.0)  # the start of a worker counts, and others may slow it down
     harmed = failing_shards.harmful(study, harm, [35], once=tmp_path / "once")
-    finished = execute(harmed, tmp_path / "out", backend=backend, n_jobs=1)
+    finished = execute(harmed, tmp_path / "out", backend="loky", n_jobs=1)
     assert finished.results.attrs["content_sha256"] == golden
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_a_scenario_that_always_hangs_is_crashed_and_no_other(study, tmp_path, monkeypatch, backend):
+def test_a_scenario_that_always_hangs_is_crashed_and_no_other(study, tmp_path, monkeypatch):
     job = Job("hangs", failing_shards.harmful(study, failing_shards.hangs, [2]).plan, None)
-    pool = make_pool(backend, job, 1, None)
+    pool = make_pool("loky", job, 1, None)
     try:
         start = time.monotonic()
         parts = list(Dispatcher(pool, job, time_limit=8.0).run([Shard(np.arange(2)), Shard(np.arange(2, 4))]))
@@ -161,13 +147,12 @@ def test_a_scenario_that_always_hangs_is_crashed_and_no_other(study, tmp_path, m
     assert time.monotonic() - start < 100
 
 
-@pytest.mark.parametrize("backend", ["loky", pytest.param("dask", marks=pytest.mark.full)])
-def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_path, monkeypatch, backend):
+def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_path, monkeypatch):
     monkeypatch.setattr(dispatch, "_MOST_DEATHS", 1)
     cut(monkeypatch, 10)
     harmed = failing_shards.harmful(study, failing_shards.killed, range(N_SCENARIOS))
     with pytest.raises(FastcoilError, match="1 workers died in a row without a result") as caught:
-        execute(harmed, tmp_path / "out", backend=backend, n_jobs=1)
+        execute(harmed, tmp_path / "out", backend="loky", n_jobs=1)
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
