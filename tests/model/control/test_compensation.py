@@ -55,11 +55,6 @@ def test_smooth_is_in_the_middle_of_the_gap_at_rest_and_98_percent_across_at_its
     assert round(crossed, 2) == 0.98
 
 
-def test_an_estimate_of_0_is_the_plain_controller():
-    assert [additive(u, RISING, 0.0) for u in (0.0, 0.3, 1.0)] == [0.0, 0.3, 1.0]
-    assert [smooth(u, 0.2, 0.0, 1e3) for u in (0.0, 0.3, 1.0)] == [0.0, 0.3, 1.0]
-
-
 def test_a_dead_band_holds_up_to_its_edge_and_one_of_0_never():
     assert [holds(e, 0.2) for e in (-0.2, 0.0, 0.2, 0.2000001, -0.3)] == [True, True, True, False, False]
     assert not holds(0.0, 0.0)

@@ -29,11 +29,6 @@ def test_equals_the_references(errors, tuning):
         assert found == (u, integral)
 
 
-@given(ERRORS, st.sampled_from(TUNINGS))
-def test_u_and_integral_stay_within_0_and_1(errors, tuning):
-    assert all(0.0 <= value <= 1.0 for pair in sampled(errors, *tuning) for value in pair)
-
-
 def test_integral_is_added_to_before_use():
     ((u, integral),) = sampled([2.0], 0.03, 8.0, 30.0)
     assert integral == pytest.approx(0.225)

@@ -11,7 +11,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.model.estimators.registry import ESTIMATORS
-from fastcoil.model.numerics.jit import FLAGS, JIT_ENABLED
+from fastcoil.model.numerics.jit import FLAGS
 
 ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
 # Most scalar operations for each packed one: none in a loop over lanes of one array; ln m_a, taken out of its
@@ -105,13 +105,6 @@ def test_one_compiled_signature_serves_every_kind_of_run(short):
     fc.simulate(fc.Loop(), days, warm_up=60, command=np.full((2, 360), 0.3), traces=["T_c", "wet_volumes"])
     fc.simulate(fc.Loop(noise_std=[0.0, 0.1], n_volumes=4), days, warm_up=0, seed=2**63 + 1, replicates=2)
     assert len(emulate.signatures) == 1
-
-
-def test_the_interpreter_runs_the_same_formulas():
-    from fastcoil.model.physics import water_flow
-
-    formula = water_flow.py_func if JIT_ENABLED else water_flow
-    assert formula(0.5, 2.0, 0.7, 9.0, 0.38) == pytest.approx(water_flow(0.5, 2.0, 0.7, 9.0, 0.38), rel=1e-15)
 
 
 # In the interpreter NumPy checks every index.  Small runs of all kernels, with everything switched on.

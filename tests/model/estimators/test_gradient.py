@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.gradient import Parameters, beyond, moved, regressor, start, step
+from fastcoil.model.estimators.gradient import Parameters, beyond, moved, start, step
 from fastcoil.model.estimators.interface import Sample
 
 TS = 5.0
@@ -24,11 +24,6 @@ def fed(e, mode, p=P, u=0.5, estimate=0.03, T_set=14.0, m_a=1.0):
         estimate, memory = step(now, p, memory)
         found.append(float(estimate))
     return np.array(found)
-
-
-def test_the_regressor_is_1_minus_u_rising_and_minus_u_falling():
-    assert regressor(1.0, 0.3) == 0.7
-    assert regressor(-1.0, 0.3) == -0.3
 
 
 @pytest.mark.parametrize(("e", "expected"), [(0.05, 0.0), (-0.05, 0.0), (0.25, 0.2), (-0.25, -0.2), (0.0, 0.0)])
@@ -54,16 +49,6 @@ def test_the_estimate_grows_where_the_opening_lags_and_shrinks_where_it_leads(ac
     p = P._replace(action=action)
     assert fed(0.3 * SWING, SWING, p)[-1] > 0.035
     assert fed(-0.3 * SWING, SWING, p)[-1] < 0.025
-
-
-def test_moves_are_homogeneous_in_error_and_dead_zone():
-    once, twice = fed(0.2 * SWING, SWING) - 0.03, fed(0.4 * SWING, SWING, P._replace(gradient_dead_zone=0.1)) - 0.03
-    assert once[-1] > 0.0
-    np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-9)
-
-
-def test_an_error_within_the_dead_zone_moves_nothing():
-    assert np.all(fed(0.04 * SWING, SWING) == 0.03)
 
 
 @pytest.mark.parametrize("u", [0.0, 1.0])

@@ -10,19 +10,12 @@ from fastcoil.model.estimators.learner import (
     chatters,
     evidence,
     final_estimate,
-    step_size,
-    switch_frequency,
     updated,
 )
 from fastcoil.model.metric_table import LEARNING_STATUS
 
 STEP = 0.007
 RESTLESS = {"learning_step": STEP, "learning_interval": 600.0}
-
-
-def test_switch_frequency_is_per_10_minutes():
-    assert switch_frequency(12.0, 1800.0) == 4.0
-    assert switch_frequency(12.0, 600.0) == 12.0
 
 
 @pytest.mark.parametrize(
@@ -89,24 +82,6 @@ def test_paper_rule_hunts_for_ever_between_the_backlash_and_one_step_more(paper_
 
 
 @pytest.mark.kernel
-def test_a_start_at_0_takes_one_interval_more(working_day):
-    ds, stairs = learned({"learning_step": STEP}, working_day)
-    assert (float(ds.learn_time_reached), float(ds.learn_time_confirmed)) == (5.0 * 3600, 6.0 * 3600)
-    np.testing.assert_allclose(stairs[:12], STEP * np.arange(12), atol=1e-15)
-
-
-@pytest.mark.kernel
-def test_first_step_down_ends_the_learning_where_learning_stop_says_so(working_day, paper_staircase):
-    ds, stairs = learned(
-        {"learning_step": STEP, "backlash_estimate": STEP, "learning_stop": "first_step_down"}, working_day
-    )
-    np.testing.assert_array_equal(stairs[:12], paper_staircase[1][:12])
-    assert np.all(stairs[11:] == stairs[11])
-    assert float(ds.estimate_settled) == pytest.approx(0.07, rel=1e-12)
-    assert float(ds.learn_time_confirmed) == 5.5 * 3600
-
-
-@pytest.mark.kernel
 def test_a_quiet_loop_runs_upward_to_the_cap():
     import fastcoil as fc
 
@@ -131,13 +106,6 @@ def test_the_floor_lets_the_estimate_rise_where_the_ratio_would_not(hour):
 
 
 @pytest.mark.kernel
-def test_the_reference_is_the_first_interval_which_steps_too(hour):
-    """With ratio 1 the first frequency never exceeds itself, so the first update goes up."""
-    _, stairs = learned({**RESTLESS, "learning_ratio": 1.0}, hour, warm_up=600)
-    assert stairs[1] == STEP
-
-
-@pytest.mark.kernel
 def test_after_a_first_interval_without_switches_any_switch_is_chatter(hour):
     import fastcoil as fc
 
@@ -145,17 +113,6 @@ def test_after_a_first_interval_without_switches_any_switch_is_chatter(hour):
     late = fc.Boundary(**series | {"enabled": np.arange(3600) >= 600})
     _, stairs = learned(RESTLESS, late, warm_up=600)
     np.testing.assert_allclose(stairs, [0.0, STEP, 0.0, 0.0, 0.0, 0.0], atol=1e-15)
-
-
-@pytest.mark.kernel
-def test_a_learner_that_may_not_step_is_the_fixed_inverse(hour):
-    import fastcoil as fc
-
-    fixed = fc.simulate(fc.Loop(backlash_estimate=0.04), hour, traces=["T_sup"], warm_up=600)
-    capped = fc.simulate(
-        fc.Loop(**RESTLESS, backlash_estimate=0.04, learning_cap=0.04), hour, traces=["T_sup"], warm_up=600
-    )
-    np.testing.assert_array_equal(fixed.T_sup.values, capped.T_sup.values)
 
 
 @pytest.mark.parametrize(
@@ -176,13 +133,6 @@ def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference(
     switches, f, f_ref, min_switches, max_reference, expected
 ):
     assert evidence(switches, f, f_ref, 30.0, min_switches, max_reference) == expected
-
-
-@pytest.mark.parametrize(
-    ("down", "climbing", "expected"), [(False, True, 0.02), (False, False, 0.01), (True, True, 0.01)]
-)
-def test_steps_grow_on_the_first_climb_and_one_down_undoes_the_last(down, climbing, expected):
-    assert step_size(0.01, down, climbing, 2.0) == expected
 
 
 def test_the_final_estimate_is_a_share_of_the_last_but_not_below_the_start():

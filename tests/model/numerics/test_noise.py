@@ -11,19 +11,6 @@ from fastcoil.model.numerics.jit import JIT_ENABLED
 from fastcoil.model.numerics.noise import normal_pair, philox, uniform
 
 N_PAIRS = 20000 if JIT_ENABLED else 1000
-MULTIPLIERS = {32: (0xD2511F53, 0xCD9E8D57), 64: (0xD2E7470EE14C6C93, 0xCA5A826395121157)}
-WEYL = {32: (0x9E3779B9, 0xBB67AE85), 64: (0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B)}
-
-
-def philox4(counter, key, width):
-    """Philox4x32-10 or Philox4x64-10: the second is NumPy's, and so vouches for the first."""
-    (m0, m1), (w0, w1), mask = MULTIPLIERS[width], WEYL[width], (1 << width) - 1
-    (c0, c1, c2, c3), (k0, k1) = counter, key
-    for _ in range(10):
-        p0, p1 = m0 * c0, m1 * c2
-        c0, c1, c2, c3 = (p1 >> width) ^ c1 ^ k0, p1 & mask, (p0 >> width) ^ c3 ^ k1, p0 & mask
-        k0, k1 = (k0 + w0) & mask, (k1 + w1) & mask
-    return c0, c1, c2, c3
 
 
 def words(counter, key):
@@ -49,21 +36,11 @@ def test_known_answers_of_random123(counter, key, expected):
     assert [f"{word:08x}" for word in found] == expected.split()
 
 
-def test_the_same_rounds_at_64_bits_are_numpys_philox():
-    rng = np.random.default_rng(11)
-    for _ in range(50):
-        counter, key = rng.integers(0, 2**64, 4, dtype=np.uint64), rng.integers(0, 2**64, 2, dtype=np.uint64)
-        raw = np.random.Philox(counter=counter, key=key).random_raw(4)
-        # NumPy increments the counter before it uses it
-        following = [int(counter[0]) + 1, *counter[1:].tolist()]
-        assert philox4(following, key.tolist(), 64) == tuple(raw.tolist())
-
-
-def test_the_same_rounds_at_32_bits_are_the_kernels():
+def test_words_are_the_references():
     rng = np.random.default_rng(12)
     for _ in range(50):
         counter, key = rng.integers(0, 2**32, 4).tolist(), rng.integers(0, 2**32, 2).tolist()
-        assert words(counter, key) == philox4(counter, key, 32) == reference.philox4x32(counter, key)
+        assert words(counter, key) == reference.philox4x32(counter, key)
 
 
 def test_uniform_never_reaches_0_nor_1():
@@ -77,15 +54,6 @@ def test_normals_are_the_references():
     found = normals(200, channel, replicate, day, seed, first=2**20)
     expected = [reference.standard_normal(seed, 2**21 + k, channel, replicate, day) for k in range(400)]
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14)
-
-
-def test_moments():
-    z = normals()
-    n = z.size
-    assert abs(z.mean()) < 4 / math.sqrt(n)
-    assert abs(z.var() - 1.0) < 4 * math.sqrt(2 / n)
-    assert abs(stats.skew(z)) < 4 * math.sqrt(6 / n)
-    assert abs(stats.kurtosis(z)) < 4 * math.sqrt(24 / n)
 
 
 def test_distribution_is_normal():
@@ -142,13 +110,6 @@ def test_every_scenario_gets_the_same_noise(short):
 
 
 @pytest.mark.kernel
-def test_kth_sample_is_the_same_whatever_the_sample_time(short):
-    found = drawn(noisy(short, {"noise_std": 0.1, "sample_time": [3, 10, 25]}))
-    for row, sample_time in zip(found, (3, 10, 25), strict=True):
-        np.testing.assert_allclose(row[::sample_time][:72], found[0, ::3][:72], rtol=0.0, atol=1e-13)
-
-
-@pytest.mark.kernel
 def test_replicates_and_seeds_differ(short):
     by_replicate = drawn(noisy(short, {"noise_std": 0.1, "sample_time": 1}, replicates=3))
     other_seed = drawn(noisy(short, {"noise_std": 0.1, "sample_time": 1}, seed=1))
@@ -174,8 +135,3 @@ def test_noise_std_0_is_no_noise_to_the_bit(short):
     alone = noisy(short, {})
     np.testing.assert_array_equal(quiet.T_sup.sel(noise_std=0.0).values, alone.T_sup.values)
     np.testing.assert_array_equal(alone.T_measured.values, alone.T_sup.values)
-
-
-@pytest.mark.kernel
-def test_an_open_loop_is_measured_with_noise_too(short):
-    assert np.any(drawn(noisy(short, {"noise_std": 0.1}, command=np.full(short.n_steps, 0.4))) != 0.0)

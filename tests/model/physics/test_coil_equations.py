@@ -67,12 +67,6 @@ def test_one_volume_stores_what_air_and_water_bring(wet):
         assert stored == pytest.approx(lost_by_air + m_w * CP_W * (T_w_in - T_w), abs=1e-11)
 
 
-def test_without_water_flow_the_water_stands_still_to_the_bit():
-    for T_w, T_w_in, T_c, *_ in random_volumes():
-        Q_w = water_heat(effectiveness(0.32, -0.2, 0.0) * 0.0, T_c, T_w_in)
-        assert water(T_w, T_w_in, Q_w, 0.0, 1.0 / 8.8) == T_w
-
-
 def test_dry_air_keeps_its_humidity_and_wet_air_gains_none():
     for *_, T_c, T_in, W_in, _, m_a in random_volumes():
         h_in = reference.enthalpy(T_in, W_in)

@@ -76,18 +76,6 @@ def test_the_opening_stays_between_0_and_1_and_a_turned_stem_jumps_by_j_at_least
     assert np.all(jumps >= J - 1e-15)
 
 
-def test_a_stem_that_has_stopped_needs_the_jump_to_go_on_the_same_way():
-    q, direction = stem([0.5, 0.6, 0.6, 0.61, 0.62, 0.63, 0.64], 0.1, 0.025)
-    np.testing.assert_allclose(q, [0.425, 0.525, 0.525, 0.525, 0.525, 0.555, 0.565], rtol=0.0, atol=1e-15)
-    assert direction.tolist() == [1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
-
-
-def test_a_turned_stem_waits_for_the_whole_band():
-    q, direction = stem([0.5, 0.45, 0.405, 0.395, 0.39], 0.1, 0.025)
-    np.testing.assert_allclose(q, [0.425, 0.425, 0.425, 0.395, 0.39], rtol=0.0, atol=1e-15)
-    assert direction.tolist() == [1.0, 0.0, 0.0, -1.0, -1.0]
-
-
 # The motor
 
 
