@@ -73,7 +73,7 @@ ds = fc.simulate(loop, fc.paper_day(hours=20 / 3600), warm_up=2, n_jobs=1)
 assert ds.estimate_final.sel(estimator="turns") > 0.0
 assert ds.estimate_final.sel(estimator="none") == 0.0
 code = Path(sys.argv[2]) / "valve.c"
-assert worst_in_c(*fc.export_controller(fc.Loop(estimator="turns"), code, "c")) == 0.0
+assert worst_in_c(*fc.export_controller(fc.Loop(estimator="turns", n_volumes=1), code, "c")) == 0.0
 assert "Estimate where the inverse turns" in code.read_text()
 """
 
