@@ -103,7 +103,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
         if exists(folder / KEPT):
             say(f"{folder / KEPT} holds tunings of an earlier search: they are not run again.", err=True)
         with progress_of_command() as shown:
-            found = run_tuning(asked, n_jobs, folder / KEPT, in_scenario_days(asked, shown))
+            found = run_tuning(asked._replace(n_jobs=n_jobs), folder / KEPT, in_scenario_days(asked, shown))
         say(*found.summary(), "")
         path = folder / CHOSEN
         found.to_toml(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,7 +22,6 @@ from fastcoil.design.tuning_plan import (
     QUANTILE,
     Asked,
     Group,
-    Run,
     as_it_is,
     key_of,
     measured,
@@ -117,25 +116,24 @@ def tune(
         )  # fmt: skip
         if path is not None and not may_be_file(path):
             check.problems.append(f"kept = {shown(str(path))}: give a file in a folder that exists")
+    asked = asked._replace(n_jobs=n_threads)
     if callable(progress):
-        return run_tuning(asked, n_threads, path, progress)
+        return run_tuning(asked, path, progress)
     with progress_of_call(progress) as on_show:
-        return run_tuning(asked, n_threads, path, in_scenario_days(asked, on_show))
+        return run_tuning(asked, path, in_scenario_days(asked, on_show))
 
 
 def _progress_of(name: str, given: Any) -> bool | Report:
     """True or False, or a function that can be called with two numbers."""
-    flag = plain(given)
-    if isinstance(flag, bool):
-        return flag
-    if not callable(given):
+    flag: bool | Report = plain(given)
+    if not isinstance(flag, bool) and not callable(flag):
         raise InputError(WrongType(f"{name} = {shown(given)}: give True, False or a function of two numbers"))
-    return cast(Report, given)
+    return flag
 
 
 def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
     """Show tunings as the scenario-days that they are."""
-    cases = len(asked.training.members) * asked.training.boundary.n_days * asked.replicates
+    cases = asked.cases(asked.training)
     advance, before = on_show.start(asked.planned * cases), 0
 
     def report(done: int, _: int) -> None:
@@ -146,28 +144,23 @@ def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
     return report
 
 
-def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Report | None = None) -> Tuning:
+def run_tuning(asked: Asked, path: Path | None = None, progress: Report | None = None) -> Tuning:
     """Search, choose, and try the choice on the hold-out."""
-    run = Run(asked.warm_up, asked.seed, asked.replicates, n_jobs)
     space, measures, training = asked.space, asked.measures, asked.training
-    key = key_of(training, space, run, measures)
-    asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(training, run, measures), measures)))
-    archive = Archive(space.names, [measure.name for measure in measures], key, path)
+    asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(asked, training), measures)))
+    archive = Archive(space.names, [measure.name for measure in measures], key_of(asked), path)
     seen: dict[tuple[float, ...], None] = {}
     done = 0
 
-    def simulated(values: Array) -> dict[str, Array]:
-        return measured(tried(training, space, values, run, measures), measures)
-
     def scored(points: Array) -> Scores:
-        values = space.values(points)
-        found = scores_of(asked, archive.evaluated(values, simulated))
         nonlocal done
+        values = space.values(points)
+        found = archive.evaluated(values, lambda new: measured(tried(asked, training, new), measures))
         seen.update(dict.fromkeys(map(tuple, values.tolist())))
         done += len(points)
         if progress is not None:
             progress(done, asked.planned)
-        return found
+        return scores_of(asked, found)
 
     evolve(scored, _beginning(asked), len(space.axes), asked.evaluations, asked.seed)
     values, found = archive.table(seen)
@@ -181,7 +174,26 @@ def run_tuning(asked: Asked, n_jobs: int, path: Path | None = None, progress: Re
     front = on_front(scores)
     if front.size > _MOST_ON_FRONT:  # some points of it evenly along, both ends among them
         front = front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))]
-    return _result(asked, run, values, found, at, front, float(scores.violation[at]) == 0.0)
+    parameters = dict(zip(space.names, values[at].tolist(), strict=True))
+    meets_limits = float(scores.violation[at]) == 0.0
+    trained, held_out = (_beside_now(asked, group, values[at]) for group in (training, asked.holdout))
+    of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
+    on_holdout = measured(tried(asked, asked.holdout, values[front]), measures)
+    for measure in measures:
+        attrs = measure.attrs | {"long_name": f"{measure.words}, held out"}
+        of_front[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
+    return Tuning(
+        parameters,
+        meets_limits,
+        held_out,
+        trained,
+        of_front,
+        _dataset("evaluation", asked, values, found),
+        asked.goal,
+        asked.limits,
+        notes_on(asked, parameters, meets_limits, held_out),
+        (asked.error, asked.travel),
+    )
 
 
 def scores_of(asked: Asked, found: Mapping[str, Array]) -> Scores:
@@ -200,47 +212,18 @@ def _beginning(asked: Asked) -> Array:
     if any(value is None for value in own.values()):
         return np.empty((0, len(own)))
     medians = {name: float(np.median(np.asarray(value))) for name, value in own.items()}
-    after_simc = {
-        name: float(np.median(values)) for name, values in own_gains(asked.training, asked.space, asked.warm_up).items()
-    }
+    gains = own_gains(asked.training, asked.space, asked.warm_up)
+    after_simc = {name: float(np.median(values)) for name, values in gains.items()}
     points = [medians, medians | after_simc] if after_simc else [medians]
     return np.array([asked.space.point(values) for values in points])
 
 
-def _result(
-    asked: Asked, run: Run, values: Array, found: dict[str, Array], at: int, front: np.ndarray, meets_limits: bool
-) -> Tuning:
-    parameters = dict(zip(asked.space.names, values[at].tolist(), strict=True))
-    trained = _beside_now(asked, asked.training, run, values[at])
-    held_out = _beside_now(asked, asked.holdout, run, values[at])
-    on_holdout = measured(tried(asked.holdout, asked.space, values[front], run, asked.measures), asked.measures)
-    of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
-    for measure in asked.measures:
-        attrs = measure.attrs | {"long_name": f"{measure.words}, held out"}
-        of_front[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
-    return Tuning(
-        parameters,
-        meets_limits,
-        held_out,
-        trained,
-        of_front,
-        _dataset("evaluation", asked, values, found),
-        asked.goal,
-        asked.limits,
-        notes_on(asked, parameters, meets_limits, trained, held_out),
-        (asked.error, asked.travel),
-    )
-
-
-def _beside_now(asked: Asked, group: Group, run: Run, chosen: Array) -> xr.Dataset:
+def _beside_now(asked: Asked, group: Group, chosen: Array) -> xr.Dataset:
     """The chosen settings on a group, and the loop as it came beside."""
-    of_tunings = {
-        NOW: as_it_is(group, run, asked.measures),
-        CHOSEN: tried(group, asked.space, chosen[None], run, asked.measures),
-    }
+    of_tunings = {NOW: as_it_is(asked, group), CHOSEN: tried(asked, group, chosen[None])}
     own = own_gains(group, asked.space, asked.warm_up)
     if own:
-        of_tunings[SIMC] = as_it_is(group, run, asked.measures, own)
+        of_tunings[SIMC] = as_it_is(asked, group, own)
     cases = {metric: np.concatenate([of[metric] for of in of_tunings.values()]) for metric in of_tunings[NOW]}
     ds = with_intervals(cases, asked.measures, list(of_tunings), asked.seed)
     return ds.assign_attrs(group=group.words)
@@ -249,9 +232,8 @@ def _beside_now(asked: Asked, group: Group, run: Run, chosen: Array) -> xr.Datas
 def _dataset(dim: str, asked: Asked, values: Array, found: Mapping[str, Array]) -> xr.Dataset:
     """Settings and measures of some tunings."""
     variables: dict[str, Any] = {}
-    for k, axis in enumerate(asked.space.axes):
-        attrs = {"long_name": axis.parameter.text, "units": axis.parameter.unit}
-        variables[axis.parameter.name] = (dim, values[:, k], attrs)
+    for axis, column in zip(asked.space.axes, values.T, strict=True):
+        variables[axis.parameter.name] = (dim, column, {"long_name": axis.parameter.text, "units": axis.parameter.unit})
     for measure in asked.measures:
         variables[measure.name] = (dim, found[measure.name], measure.attrs)
     return xr.Dataset(variables)

@@ -159,7 +159,7 @@ _MOST_CORNERS = 6  # axes of which all combinations of ends are looked at
 
 
 class Asked(NamedTuple):
-    """A tuning that can be made: what is searched, for what, on whom, and who is held out."""
+    """A tuning that can be made: what is searched, for what, on whom, who is held out, and how it is tried."""
 
     space: Space
     goal: Measure
@@ -171,6 +171,11 @@ class Asked(NamedTuple):
     warm_up: int
     seed: int
     replicates: int
+    n_jobs: int | None = None
+
+    def cases(self, group: Group) -> int:
+        """Scenario-days of one tuning on a group."""
+        return len(group.members) * group.boundary.n_days * self.replicates
 
     @property
     def planned(self) -> int:
@@ -406,45 +411,29 @@ def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
 _MOST_AT_ONCE = 200_000  # scenarios of one sweep: bounds the memory that a generation takes
 
 
-class Run(NamedTuple):
-    """How every tuning is tried; none of the numbers depends on ``n_jobs``."""
-
-    warm_up: int
-    seed: int
-    replicates: int
-    n_jobs: int
-
-
-def tried(group: Group, space: Space, values: Array, run: Run, measures: Sequence[Measure]) -> dict[str, Array]:
+def tried(asked: Asked, group: Group, values: Array) -> dict[str, Array]:
     """Metrics of tunings (n, d) on a group: metric → (n, day, valve, replicate)."""
-    per_tuning = len(group.members) * group.boundary.n_days * run.replicates
-    step = max(1, _MOST_AT_ONCE // per_tuning)
+    step = max(1, _MOST_AT_ONCE // asked.cases(group))
     parts = []
     for k in range(0, len(values), step):
-        given = {name: (TUNING, column[k : k + step]) for name, column in zip(space.names, values.T, strict=True)}
-        parts.append(_cases(group.loop.assign(**given), group.boundary, run, measures))
+        columns = zip(asked.space.names, values[k : k + step].T, strict=True)
+        parts.append(_cases(asked, group, group.loop.assign(**{name: (TUNING, column) for name, column in columns})))
     return {metric: np.concatenate([part[metric] for part in parts]) for metric in parts[0]}
 
 
-def as_it_is(
-    group: Group, run: Run, measures: Sequence[Measure], own: Mapping[str, Array] | None = None
-) -> dict[str, Array]:
+def as_it_is(asked: Asked, group: Group, own: Mapping[str, Array] | None = None) -> dict[str, Array]:
     """The same for the loop as it came, or with each valve's ``own`` gains, (valve,): metric → (1, day, …)."""
-    changes = {name: (VALVE, values) for name, values in (own or {}).items()}
-    return _cases(group.loop.assign(**changes), group.boundary, run, measures)
+    return _cases(asked, group, group.loop.assign(**{name: (VALVE, values) for name, values in (own or {}).items()}))
 
 
-def _cases(loop: Loop, boundary: Boundary, run: Run, measures: Sequence[Measure]) -> dict[str, Array]:
-    metrics = list(dict.fromkeys(measure.metric for measure in measures))
+def _cases(asked: Asked, group: Group, loop: Loop) -> dict[str, Array]:
     ds = simulate(
-        loop, boundary, warm_up=run.warm_up, seed=run.seed, replicates=run.replicates, n_jobs=run.n_jobs,
+        loop, group.boundary, warm_up=asked.warm_up, seed=asked.seed, replicates=asked.replicates, n_jobs=asked.n_jobs,
         progress=False,
     )  # fmt: skip
-    found = {metric: ds[metric] for metric in metrics if metric != MARGIN}
-    if MARGIN in metrics:
-        found[MARGIN] = margins(loop, boundary, run.warm_up)
     order, cases = (TUNING, "day", VALVE, "replicate"), {}
-    for metric, values in found.items():
+    for metric in dict.fromkeys(measure.metric for measure in asked.measures):
+        values = margins(loop, group.boundary, asked.warm_up) if metric == MARGIN else ds[metric]
         missing = [dim for dim in order if dim not in values.dims]
         whole = values.reset_coords(drop=True).expand_dims(missing).transpose(*order)
         cases[metric] = np.asarray(whole.values, dtype=float)
@@ -456,17 +445,17 @@ def measured(cases: Mapping[str, Array], measures: Sequence[Measure]) -> dict[st
     return {m.name: m.of(cases[m.metric].reshape(len(cases[m.metric]), -1)) for m in measures}
 
 
-def key_of(group: Group, space: Space, run: Run, measures: Sequence[Measure]) -> str:
+def key_of(asked: Asked) -> str:
     """Hash of everything that decides what is measured of a tuning: the model, the valves, the days, the noise."""
-    loop = group.loop
+    (loop, boundary, _), names = asked.training, asked.space.names
     digest = hashlib.sha256(model_sha256(frozenset(words_used(loop, "estimator"))).encode())
-    known = {name: value for name, value in loop.constants.items() if name not in space.names}
-    parts = [json.dumps(known), group.boundary.sha256, json.dumps([run.warm_up, run.seed, run.replicates])]
-    parts += [json.dumps([measure.name for measure in measures]), json.dumps(space.names)]
-    parts += [theory_sha256() for measure in measures if measure.metric == MARGIN]
+    known = {name: value for name, value in loop.constants.items() if name not in names}
+    parts = [json.dumps(known), boundary.sha256, json.dumps([asked.warm_up, asked.seed, asked.replicates])]
+    parts += [json.dumps([measure.name for measure in asked.measures]), json.dumps(names)]
+    parts += [theory_sha256() for measure in asked.measures if measure.metric == MARGIN]
     parts += [rule.code_sha256 for rule in loop.rules.values()]
     digest.update("\0".join(parts).encode())
     for name, value in loop.swept.items():
-        if name not in space.names:
+        if name not in names:
             digest.update(f"{name}{value.values.tolist()}".encode())
     return digest.hexdigest()

@@ -29,13 +29,13 @@ _IN_THE_TAIL = 3  # valves held out that should lie above a quantile, or it is l
 
 
 def notes_on(
-    asked: Asked, parameters: Mapping[str, float], meets_limits: bool, trained: xr.Dataset, held_out: xr.Dataset
+    asked: Asked, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset
 ) -> tuple[str, ...]:
     """Failures first, then what the search ran into, then what the population lacks."""
-    return (*_failures(asked, meets_limits, held_out), *_ends(asked, parameters), *_lacks(asked))
+    return (*_failures(asked, parameters, meets_limits, held_out), *_lacks(asked))
 
 
-def _failures(asked: Asked, meets_limits: bool, held_out: xr.Dataset) -> Iterator[str]:
+def _failures(asked: Asked, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset) -> Iterator[str]:
     if not meets_limits:
         yield "No tuning in these ranges keeps every limit: widen the ranges, raise a limit, or mend the valves."
     for limit in asked.limits:
@@ -53,9 +53,6 @@ def _failures(asked: Asked, meets_limits: bool, held_out: xr.Dataset) -> Iterato
         yield "On the hold-out the objective is worse than now."
     elif high >= 0.0:
         yield "On the hold-out the objective does not differ from now beyond chance."
-
-
-def _ends(asked: Asked, parameters: Mapping[str, float]) -> Iterator[str]:
     for axis in asked.space.axes:
         name = axis.parameter.name
         end = axis.end(parameters[name])

@@ -8,7 +8,7 @@ from helpers.refusals import only_problem
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError
 from fastcoil.design import tune as module
-from fastcoil.design.tuning_plan import Run, key_of, plan_tuning
+from fastcoil.design.tuning_plan import key_of, plan_tuning
 
 pytestmark = pytest.mark.kernel
 
@@ -30,9 +30,9 @@ def counted(monkeypatch):
     """How many tunings are simulated on the valves of the search."""
     simulated, tried = [], module.tried
 
-    def counting(group, space, values, *rest):
+    def counting(asked, group, values):
         simulated.append(len(values))
-        return tried(group, space, values, *rest)
+        return tried(asked, group, values)
 
     monkeypatch.setattr(module, "tried", counting)
     return simulated
@@ -80,9 +80,7 @@ def test_more_evaluations_use_those_that_were_kept(population, counted, tmp_path
 def test_another_tuning_has_another_key(population, change):
     def key(**how):
         how = {name: value for name, value in (HOW | how).items() if name != "n_jobs"}
-        asked = plan_tuning(*population, **how)
-        run = Run(asked.warm_up, asked.seed, asked.replicates, 1)
-        return key_of(asked.training, asked.space, run, asked.measures)
+        return key_of(plan_tuning(*population, **how))
 
     assert key(**change) != key()
     assert key(evaluations=99, search={"kp": (0.1, 0.2), "buffer": (0.0, 0.1)}) == key(), "what was tried still holds"
