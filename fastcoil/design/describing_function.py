@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.design.plants import Columns, Complex, Plants, frequency_response
+from fastcoil.design.plants import Columns, Complex, Plants, distinct, frequency_response
+
+Part = TypeVar("Part", "Elements", "LimitedPI", "Swings")
+
+
+def part_of(whole: Part, some: Index) -> Part:
+    """Those of some loops or plants."""
+    return type(whole)(*(values[some] for values in whole))
 
 
 def describing_function(amplitude: Array, width: Array, wait: Array) -> Complex:
@@ -113,10 +120,6 @@ class LimitedPI(NamedTuple):
         sign = np.where(np.asarray(columns["action"]) == "heating", -1.0, 1.0)[:, None]
         return cls(kp, ti, period, sign, elements.slope, elements.offset, elements.backlash)
 
-    def part(self, some: Index) -> LimitedPI:
-        """Those of some loops."""
-        return LimitedPI(*(values[some] for values in self))
-
     def parts(self, amplitude: Array, w: Array) -> tuple[Array, Array]:
         """Amplitudes of the proportional and the integral part that together would swing u by ``amplitude``."""
         ratio = self.sample_time / self.ti / (1.0 - np.exp(-1j * w * self.sample_time))
@@ -181,7 +184,7 @@ def amplitude_of(u: Array, mean: Array, w: Array, pi: LimitedPI, elements: Eleme
     ends = integral > np.minimum(mean, 1.0 - mean)
     if ends.any():
         some = np.flatnonzero(ends)
-        bias = pi.part(some).passed(u[some], w[some], plants.some(some))[1]
+        bias = part_of(pi, some).passed(u[some], w[some], plants.some(some))[1]
         driving[:, some] = driven(proportional[some], integral[some], bias)
     opening = pi.opening(_followed(_held(driving, w * elements.sample_time), w, elements))
     at_rest = temperature(plants.curve, opening.transpose(1, 2, 0))[:, 0]
@@ -215,12 +218,12 @@ def _followed(driving: Array, w: Array, elements: Elements) -> Array:
 
 def _filtered(at_rest: Array, w: Array, plants: Plants) -> Array:
     """The wave (n, n_points) that a plant makes of a wave of the temperatures at rest, (n, STEPS)."""
-    _, first, which = np.unique(plants.same, return_index=True, return_inverse=True)
+    first, which = distinct(plants.same)
     known = np.geomspace(_LOWEST, np.pi, _FREQUENCIES)
     G = frequency_response(plants.response[first], known) / plants.gain[first, None]
     place = np.log(np.minimum(_HARMONICS * w, np.pi) / _LOWEST) / np.log(known[1] / known[0])
-    size = between(np.log(np.maximum(np.abs(G), 1e-300))[which.ravel()], place)
-    phase = between(np.unwrap(np.angle(G), axis=1)[which.ravel()], place)
+    size = between(np.log(np.maximum(np.abs(G), 1e-300))[which], place)
+    phase = between(np.unwrap(np.angle(G), axis=1)[which], place)
     parts = np.fft.rfft(at_rest, axis=1)[:, _HARMONICS] * np.exp(size + 1j * phase)
     spectrum = np.zeros((w.size, 2 * STEPS + 1), complex)
     spectrum[:, _HARMONICS] = parts
@@ -238,10 +241,6 @@ class Swings(NamedTuple):
 
     mean: Array
     gain: Array
-
-    def part(self, some: Index) -> Swings:
-        """Those of some plants."""
-        return Swings(self.mean[some], self.gain[some])
 
     def at(self, amplitude: Array) -> tuple[Array, Array]:
         """Mean and gain at amplitudes (n, n_amplitudes)."""
@@ -329,10 +328,6 @@ class Elements(NamedTuple):
         offset = 0.5 * np.where(is_additive, x_bl, (x_bl - x_hat) / slope)
         parts = (width, np.maximum(width, buffer), slope, offset, late, x_bl, stroke, period)
         return cls(*(np.asarray(part, float)[:, None] for part in parts))
-
-    def part(self, some: Index) -> Elements:
-        """Those of some loops."""
-        return Elements(*(value[some] for value in self))
 
     def amplitudes(self, most: float, n: int) -> Array:
         """Amplitudes of u, (n_loops, n): from where the first movement passes to ``most``, by equal ratios."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.figures import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_style, wrapped
+from fastcoil.base.figures import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_style, mark_logarithms, wrapped
 from fastcoil.design.describing_function import Elements, limited, swings_of
 from fastcoil.design.limit_cycle import MOST, Cycles, cycles_of
 from fastcoil.design.linearise import Margins, margins_of
@@ -55,11 +55,9 @@ class _Curve(NamedTuple):
         """Whether it is predicted to hunt."""
         return bool(self.cycles.hunts[0] > 0.0)
 
-    @property
-    def on_L(self) -> complex:
-        """L where the loop hunts, or comes nearest to it."""
-        real, imag = (np.interp(self.at, self.w, part) for part in (self.L.real, self.L.imag))
-        return complex(real, imag)
+    def label(self, words: str) -> str:
+        """What the legend says of it."""
+        return f"{self.words}: {words}" if self.words else words
 
 
 @apply_style()
@@ -91,21 +89,15 @@ def bode(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
         degrees = np.degrees(np.unwrap(np.angle(curve.L)))
         gain_margin, phase_margin = curve.margins.gain_margin[0], curve.margins.phase_margin[0]
         words = f"gain margin {gain_margin:.2g}, phase margin {phase_margin:.0f}°"
-        words = f"{curve.words}: {words}" if curve.words else words
-        size.loglog(curve.w, np.abs(curve.L), color=colour, ls=line, label=words)
+        size.loglog(curve.w, np.abs(curve.L), color=colour, ls=line, label=curve.label(words))
         phase.semilogx(curve.w, degrees, color=colour, ls=line)
         _mark(size, curve.w, degrees + 180.0, np.abs(curve.L), 1.0, colour)
         _mark(phase, curve.w, 1.0 - np.abs(curve.L), degrees, -180.0, colour)
         deepest = min(deepest, float(degrees[np.abs(curve.L) > _LOW].min(initial=-180.0)))
-    shown = [curve.w[(np.abs(curve.L) < _HIGH) & (np.abs(curve.L) > _LOW)] for curve in curves]
-    ends = [w for w in shown if w.size]
-    if ends:
-        first, last = min(w[0] for w in ends), max(w[-1] for w in ends)
-        ticks = np.outer(10.0 ** np.arange(-7, 2), [1.0, 2.0, 5.0]).ravel()
-        size.set_xlim(first, last)
-        size.set_xticks(ticks[(ticks > first) & (ticks < last)])
-        size.xaxis.set_major_formatter("{x:g}")
-        size.minorticks_off()
+    shown = np.concatenate([curve.w[(np.abs(curve.L) < _HIGH) & (np.abs(curve.L) > _LOW)] for curve in curves])
+    if shown.size:
+        size.set_xlim(shown.min(), shown.max())
+    mark_logarithms(size.xaxis)
     size.set_ylim(_LOW, _HIGH)
     phase.set_ylim(deepest - 10.0, -45.0)
     phase.set_yticks(np.arange(-90.0, deepest - 10.0, -45.0))
@@ -139,8 +131,8 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     curves = _curves(loop, boundary, at)
     figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
     axes = figure.subplots()
-    for place in (axes.axhline, axes.axvline):
-        place(0.0, color="black", lw=0.6)
+    axes.axhline(0.0, color="black", lw=0.6)
+    axes.axvline(0.0, color="black", lw=0.6)
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
     axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED)
     axes.plot(-1.0, 0.0, "+", color="black", ms=9)
@@ -148,11 +140,11 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
         near = np.abs(curve.L) < 3.0 * _REACH
         answer = "hunts" if curve.hunts else "does not hunt"
         words = f"margin {curve.cycles.margin[0]:.2g}, {answer}" if curve.minus_1_over_N.size else "not predicted"
-        words = f"{curve.words}: {words}" if curve.words else words
-        axes.plot(curve.L.real[near], curve.L.imag[near], color=colour, ls=line, label=words)
+        axes.plot(curve.L.real[near], curve.L.imag[near], color=colour, ls=line, label=curve.label(words))
         axes.plot(curve.minus_1_over_N.real, curve.minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
         if curve.cycles.margin[0] > 0.0:
-            pair = np.array([curve.on_L] if curve.hunts else [curve.on_L, curve.on_L / curve.cycles.margin[0]])
+            on_L = complex(np.interp(curve.at, curve.w, curve.L))  # where the loop hunts, or comes nearest to it
+            pair = np.array([on_L] if curve.hunts else [on_L, on_L / curve.cycles.margin[0]])
             axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED, marker="o", ms=3.5)
     axes.set(xlim=(-_REACH, 1.2), ylim=(-_REACH, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
     axes.legend(loc="upper left", framealpha=0.8, edgecolor="none")

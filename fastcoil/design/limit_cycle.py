@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from fastcoil.design.describing_function import (
     amplitude_of,
     between,
     limited,
+    part_of,
     refined,
     swings_of,
     too_smooth,
@@ -25,7 +27,7 @@ from fastcoil.design.describing_function import (
 )
 from fastcoil.design.linearise import at_180
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import Columns, Complex, Plants, driven_gain, frequency_response, loop_response, plants_of
+from fastcoil.design.plants import Columns, Complex, Plants, distinct, driven_gain, frequency_response, loop_response
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
@@ -249,9 +251,9 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
 
     def seen(found: Index) -> Mask:
         if found.size:
-            u, part = cycle.u[found, None], elements.part(found)
-            mean = part.mean(u, swings.part(found))
-            swing[found] = amplitude_of(u, mean, cycle.w[found, None], pi.part(found), part, plants.some(found))
+            u, part = cycle.u[found, None], part_of(elements, found)
+            mean = part.mean(u, part_of(swings, found))
+            swing[found] = amplitude_of(u, mean, cycle.w[found, None], part_of(pi, found), part, plants.some(found))
         return 2.0 * swing > HUNTING_SWING
 
     hunts = seen(np.flatnonzero(goes_on | lingers))
@@ -280,7 +282,7 @@ def _balanced(
     passed = limited(A, -mean, 1.0 - mean).astype(complex)
 
     def of(some: Index) -> Balance:
-        part, of_part, A_part, passed_part = elements.part(some), swings.part(some), A[some], passed[some]
+        part, of_part, A_part, passed_part = part_of(elements, some), part_of(swings, some), A[some], passed[some]
         leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed_part).max(axis=1) > 0.0)
         lead = np.where(leads, 0.5 * np.pi, 0.0)
         return balance(w, L[some], lambda at: part.describe(A_part, at, of_part, passed_part), _AMPLITUDES, lead)
@@ -291,7 +293,7 @@ def _balanced(
     ended = np.flatnonzero((reaches & (found.product[0] > _NEAR_ONE)).any(axis=1))
     for _ in range(ROUNDS if ended.size else 0):
         at = frequency(w, found.place[0][ended])
-        of_pi = pi.part(ended)
+        of_pi = part_of(pi, ended)
         reaches = of_pi.parts(A[ended], at)[1] > room[ended]
         passed[ended] = np.where(reaches, of_pi.passed(A[ended], at, plants.some(ended))[0], passed[ended])
         for values, part in zip(found, of(ended), strict=True):
@@ -301,10 +303,10 @@ def _balanced(
 
 def _response(plants: Plants, w: Array, place: Array) -> Array:
     """|T_sup| per opening at places between frequencies w; smooth, so that every fifth of them is enough."""
-    _, first, which = np.unique(plants.same, return_index=True, return_inverse=True)
+    first, which = distinct(plants.same)
     some = np.linspace(0.0, w.size - 1.0, (w.size + 4) // 5)
     G = np.abs(frequency_response(plants.response[first], frequency(w, some)))
-    log_G = np.log(np.maximum(G, 1e-300))[which.ravel()]
+    log_G = np.log(np.maximum(G, 1e-300))[which]
     return np.exp(np.stack([between(log_G, piece * (some.size - 1.0) / (w.size - 1.0)) for piece in place]))
 
 
@@ -362,32 +364,26 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     """
     points = OperatingPoints(loop, boundary, at)
     check_memory(2 * 8 * len(_NAMES) * points.size, points.size)
-    found = Cycles(*(np.empty(points.size) for _ in Cycles._fields))
-    reasons: dict[str, int] = {}
-    unknown_loops = 0
-    for index in points.chunks():
-        columns = points.columns(index)
-        plants, why = plants_of(columns, points.conditions(index)), unknown(columns)
+    reasons: Counter[str] = Counter()
+
+    def cycles(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterable[tuple[str, Array]]:
+        found, why = cycles_of(columns, plants), unknown(columns)
         why |= {"T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)}
-        unknown_loops += int(np.any(list(why.values()), axis=0).sum())
-        for reason, where in why.items():
-            reasons[reason] = reasons.get(reason, 0) + int(where.sum())
-        for values, part in zip(found, cycles_of(columns, plants), strict=True):
-            values[index] = part
-    note = _note(reasons, unknown_loops, found)
-    ds = points.dataset({name: (getattr(found, name), _NAMES[name]) for name in Cycles._fields})
-    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **({"note": note} if note else {}), **provenance())
-
-
-def _note(reasons: Mapping[str, int], unknown_loops: int, found: Cycles) -> str:
-    """A sentence for each reason why scenarios are NaN, which is also a warning; refuses if all are."""
-    nothing = np.isnan(found.hunts)
-    why = {reason: count for reason, count in reasons.items() if count}
-    slow = int(nothing.sum()) - unknown_loops
-    if slow:
+        slow = np.isnan(found.hunts) & ~np.any(list(why.values()), axis=0)
         why["the smooth compensation crosses the gap more slowly than u turns: lower smooth_rate, or simulate it"] = (
             slow
         )
+        reasons.update({reason: int(where.sum()) for reason, where in why.items()})
+        return found._asdict().items()
+
+    found = points.evaluated(cycles)
+    note = _note({reason: count for reason, count in reasons.items() if count}, np.isnan(found["hunts"]))
+    ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
+    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **({"note": note} if note else {}), **provenance())
+
+
+def _note(why: Mapping[str, int], nothing: Mask) -> str:
+    """A sentence for each reason why scenarios are NaN, which is also a warning; refuses if all are."""
     if nothing.all():
         raise InputError([f"limit_cycle says nothing about these loops: {reason}" for reason in why])
     note = "; ".join(f"NaN in {count:,} of {nothing.size:,} scenarios: {reason}" for reason, count in why.items())

@@ -17,10 +17,10 @@ from fastcoil.design.plants import (
     Columns,
     Complex,
     Plants,
+    distinct,
     driven_gain,
     frequency_response,
     loop_response,
-    plants_of,
     sampled_plant,
     sensed_by,
     state_names,
@@ -131,17 +131,15 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
     Laplace domains.  Can. J. Chem. Eng. 56 (1978), 257-262, who round lag = 0.67 (t2 - t1), delay = 1.3 t1 - 0.29 t2.
     """
     tau = np.asarray(columns["sensor_time_constant"], float)
-    kinds, first, which = np.unique(
-        np.stack([plants.same.astype(float), tau]), axis=1, return_index=True, return_inverse=True
-    )
+    first, which = distinct(plants.same, tau)
     with np.errstate(divide="ignore", invalid="ignore"):
         response, gain = plants.response[first], plants.gain[first][:, None]
         longer = _LONGER if np.any(response[:, -1:] / gain < _LATE) else 0
-        share = sensed_by(response, kinds[1], longer) / gain
+        share = sensed_by(response, tau[first], longer) / gain
     t1, t2 = _time_at(share, _EARLY), _time_at(share, _LATE)
     lag = (t2 - t1) / math.log((1.0 - _EARLY) / (1.0 - _LATE))
     delay = np.maximum(t1 + lag * math.log(1.0 - _EARLY), 0.0)
-    return FirstOrder(lag[which.ravel()], delay[which.ravel()])
+    return FirstOrder(lag[which], delay[which])
 
 
 def simc(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
@@ -294,14 +292,7 @@ def linearise(
     names = state_names(int(np.max(np.asarray(points.loop["n_volumes"]))))
     sizes += len(names) ** 2 if wants_states else 0
     check_memory(2 * 8 * sizes * points.size, points.size)
-    found: dict[str, Array] = {}
-    for index in points.chunks():
-        columns, conditions = points.columns(index), points.conditions(index)
-        plants = plants_of(columns, conditions)
-        for name, values in _of(columns, conditions, plants, w, wants_states):
-            if name not in found:
-                found[name] = np.empty((points.size, *values.shape[1:]), values.dtype)
-            found[name][index] = values
+    found = points.evaluated(lambda columns, conditions, plants: _of(columns, conditions, plants, w, wants_states))
     ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
     if w is not None:
         ds = ds.assign_coords(frequency=("frequency", w, {"long_name": "angular frequency", "units": "rad s-1"}))

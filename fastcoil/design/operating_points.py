@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, instance_of, is_number, plain
 from fastcoil.base.arrays import Array, Index, array_of
 from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.design.plants import Columns, Plants, plants_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.dataset import coordinate_attrs
@@ -23,6 +24,8 @@ from fastcoil.model.metric_table import WARM_UP
 
 ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
 """Series of the boundary that make an operating point."""
+Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
+"""Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
 _CHUNK = 2048  # points at a time: their responses take up to 60 MB
 
 
@@ -52,10 +55,17 @@ class OperatingPoints:
             self.sizes["elapsed_time"] = self.seconds.size
         self.size = math.prod(self.sizes.values())
 
-    def chunks(self) -> Iterator[Index]:
-        """Flat indices, in ranges that fit into memory."""
+    def evaluated(self, variables: Evaluation) -> dict[str, Array]:
+        """Variables of all points, (size, …) each, computed in parts that fit into memory."""
+        found: dict[str, Array] = {}
         for start in range(0, self.size, _CHUNK):
-            yield np.arange(start, min(start + _CHUNK, self.size))
+            index = np.arange(start, min(start + _CHUNK, self.size))
+            columns, conditions = self.columns(index), self.conditions(index)
+            for name, values in variables(columns, conditions, plants_of(columns, conditions)):
+                if name not in found:
+                    found[name] = np.empty((self.size, *values.shape[1:]), values.dtype)
+                found[name][index] = values
+        return found
 
     def columns(self, index: Index) -> dict[str, np.ndarray]:
         """Every parameter at the points ``index``, see ``columns_of``."""
@@ -72,7 +82,6 @@ class OperatingPoints:
     def labels(self) -> list[str]:
         """Every point in words, by flat index: its labels in the sweep, ``ti = 30 s, day 2``; nothing if it is one."""
         coordinates = self._coordinates()
-        places = np.stack(np.unravel_index(np.arange(self.size), tuple(self.sizes.values()) or (1,)), axis=1)
 
         def words(dim: str, i: int) -> str:
             value = coordinates[dim].values[i] if dim in coordinates else i
@@ -82,7 +91,7 @@ class OperatingPoints:
                 return value
             return quantity(dim).equals(value) if dim in self.loop.parameters else f"{dim} {value}"
 
-        return [", ".join(words(d, i) for d, i in zip(self.sizes, place, strict=False)) for place in places]
+        return [", ".join(map(words, self.sizes, place)) for place in np.ndindex(*self.sizes.values())]
 
     def _coordinates(self) -> dict[str, xr.DataArray]:
         labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}

@@ -145,6 +145,17 @@ class Plants(NamedTuple):
         return Plants._make(field[members] for field in self)
 
 
+def distinct(*parts: Array | Index) -> tuple[Index, Index]:
+    """Index of the first of each kind of column, and which kind each column is; parts: (n_rows, n) or (n,)."""
+    rows = np.concatenate([np.atleast_2d(part) for part in parts])
+    rows = np.where(np.isnan(rows), -1e9, rows) + 0.0
+    varying = rows[np.ptp(rows, axis=1) > 0.0]
+    if not varying.size:
+        return np.zeros(1, np.int64), np.zeros(rows.shape[1], np.int64)
+    _, first, same = np.unique(varying, axis=1, return_index=True, return_inverse=True)
+    return first, same.ravel()
+
+
 def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     """Find where the plants rest, and how they answer there.  Equal plants are computed once.
 
@@ -174,7 +185,7 @@ def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[
     matrix = parameter_matrix(filled | {name: columns[name] for name in PLANT})
     entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
-    first, same = _distinct(matrix, entering, T_set)
+    first, same = distinct(matrix, entering, T_set)
     return matrix[:, first], entering[:, first], T_set[first], same
 
 
@@ -216,27 +227,14 @@ def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, 
 
     Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w), and the kind of each loop.
     """
-    ts = np.asarray(columns["sample_time"], float)
-    kinds, first, which = np.unique(
-        np.stack([plants.same.astype(float), ts, np.asarray(columns["sensor_time_constant"], float)]),
-        axis=1, return_index=True, return_inverse=True,
-    )  # fmt: skip
+    ts, tau = (np.asarray(columns[name], float) for name in ("sample_time", "sensor_time_constant"))
+    first, which = distinct(plants.same, ts, tau)
     P = np.empty((first.size, w.size), complex)
-    for period in np.unique(kinds[1]):
-        of_period = np.flatnonzero(kinds[1] == period)
-        P[of_period] = sampled(plants.response[first[of_period]], kinds[2, of_period], int(period), w)
-    return P, which.ravel()
-
-
-def _distinct(*parts: Array) -> tuple[Index, Index]:
-    """Index of the first of each kind of column, and which kind each column is; parts: (n_rows, n) or (n,)."""
-    rows = np.concatenate([np.atleast_2d(part) for part in parts])
-    rows = np.where(np.isnan(rows), -1e9, rows) + 0.0
-    varying = rows[np.ptp(rows, axis=1) > 0.0]
-    if not varying.size:
-        return np.zeros(1, np.int64), np.zeros(rows.shape[1], np.int64)
-    _, first, same = np.unique(varying, axis=1, return_index=True, return_inverse=True)
-    return first, same.ravel()
+    for period in np.unique(ts):
+        of_period = np.flatnonzero(ts[first] == period)
+        members = first[of_period]
+        P[of_period] = sampled(plants.response[members], tau[members], int(period), w)
+    return P, which
 
 
 def _rests(matrix: Array, entering: Array, T_set: Array) -> Iterator[tuple[Index, Block, Array, Array, Array, Array]]:
