@@ -112,6 +112,8 @@ def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(unpredi
     assert math.isnan(found.margin)
     assert "theory cannot tell, since an estimator changes the estimate as it goes." in found.why
     assert found.points is None
+    (day,) = found.plot().axes
+    assert day.lines[0].get_label() == "as it is"
     assert "a neutral_zone makes small cycles" in explain(LBNL.assign(neutral_zone=0.02), DAY).why
     hot = fc.Boundary(**{n: v[0] for n, v in DAY.series.items() if n != "T_set"}, T_set=3.0)
     assert "the valve is at its end all the time" in explain(LBNL, hot).why
@@ -180,8 +182,3 @@ def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting)
     assert texts == [f"margin {hunting.margin:.2g}"]
     names = [line.get_label() for line in day.lines]
     assert names == ["as it is", str(hunting.cures.sel(cure=hunting.recommended)["words"].item()), "set-point"]
-
-
-def test_the_figure_of_a_loop_that_theory_cannot_tell_of_has_its_day(unpredicted):
-    (day,) = unpredicted.plot().axes
-    assert day.lines[0].get_label() == "as it is"

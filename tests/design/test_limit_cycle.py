@@ -102,7 +102,7 @@ def test_a_gain_of_0_or_below_controls_nothing_and_is_no_hunting():
 @pytest.mark.kernel
 def test_a_loop_alone_is_what_it_is_among_strangers():
     """The plant to the bit, the rest but for the order in which numbers are added up."""
-    rng, n = np.random.default_rng(4), 40
+    rng, n = np.random.default_rng(4), 16
     swept = {
         "sample_time": rng.choice([1, 2, 7, 30], n), "sensor_time_constant": rng.choice([0.0, 3.0, 47.0, 200.0], n),
         "C_w": rng.uniform(60.0, 600.0, n), "m_max": rng.uniform(1.0, 3.0, n), "kp": rng.uniform(0.01, 0.4, n),
@@ -110,7 +110,7 @@ def test_a_loop_alone_is_what_it_is_among_strangers():
     }  # fmt: skip
     loop, here = LOOP.assign(**{name: ("stranger", values) for name, values in swept.items()}), day(1.5)
     strangers, plants = fc.limit_cycle(loop, here), fc.linearise(loop, here)
-    assert 8 < strangers.hunts.sum() < 32
+    assert 3 < strangers.hunts.sum() < 13
     for k in range(0, n, 8):
         one = LOOP.assign(**{name: values[k].item() for name, values in swept.items()})
         alone, plant = fc.limit_cycle(one, here), fc.linearise(one, here)

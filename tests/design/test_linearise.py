@@ -99,14 +99,6 @@ def test_phase_and_magnitude_are_those_of_the_response(sweep, days):
     assert ds.loop_phase.isel(frequency=1).isnull().all()
 
 
-def test_the_state_space_has_the_gain(found):
-    """C (1 - A)^-1 B."""
-    some = found.isel(kp=0, valve=1, day=0, elapsed_time=0)
-    rest = np.linalg.solve(np.eye(some.sizes["state"]) - some.A.values, some.B.values)
-    gain = rest[some.state.values.tolist().index("T_a_1")]
-    assert gain == pytest.approx(float(some.gain), rel=1e-5)
-
-
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [

@@ -1,8 +1,10 @@
 """The open loop as it is sampled: beside python-control, and beside the emulator where it begins to swing."""
 
+from itertools import cycle
+
 import numpy as np
 import pytest
-from helpers.linear_loops import KINDS, of, plants, points
+from helpers.linear_loops import KINDS, plants, plants_at, points
 
 import fastcoil as fc
 from fastcoil.design.linearise import first_order, margins_of, simc
@@ -15,6 +17,8 @@ SAMPLED = {
     "5 s, sensor": {"sample_time": 5, "sensor_time_constant": 25.0, "ti": 60.0, "kp": 0.05},
     "1 s": {"sample_time": 1, "ti": 25.0, "kp": 0.06},
 }
+EACH = list(zip(KINDS, cycle(SAMPLED)))
+"""Every kind of loop, and every way of sampling."""
 
 
 def sampled_loop(control, columns, conditions):
@@ -35,8 +39,7 @@ def sampled_loop(control, columns, conditions):
     return control.series(plant, pi) * (sign / (1.0 - columns["backlash"][0]))
 
 
-@pytest.mark.parametrize("sampling", SAMPLED)
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(("name", "sampling"), EACH)
 def test_open_loop_and_margins_are_those_of_python_control(name, sampling):
     control = pytest.importorskip("control")
     columns, conditions = points(name, backlash=0.05, **SAMPLED[sampling])
@@ -75,8 +78,7 @@ def test_a_loop_that_acts_the_wrong_way_has_neither_margins_nor_tunings():
         assert np.isnan(value[0])
 
 
-@pytest.mark.parametrize("sampling", SAMPLED)
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(("name", "sampling"), EACH)
 def test_the_emulator_answers_a_small_step_of_the_set_point_as_the_closed_loop(name, sampling):
     """Every delay of one step counts: sensor, sample, actuator and march in their order."""
     control = pytest.importorskip("control")
@@ -104,10 +106,7 @@ ULTIMATE = {
     "lbnl": {"stroke_time": 0.0, "ti": 10.0, "sample_time": 5},
     "g36": {"stroke_time": 0.0},
     "paper_like, quasistatic": {
-        "sample_time": 10,
-        "ti": 60.0,
-        "air_march": "quasistatic",
-        "sensor_time_constant": 20.0,
+        "sample_time": 10, "ti": 60.0, "air_march": "quasistatic", "sensor_time_constant": 20.0,
     },
 }  # fmt: skip
 
@@ -116,8 +115,8 @@ ULTIMATE = {
 def test_the_emulator_begins_to_swing_at_the_gain_that_the_margin_says(name):
     """1 % below it a swing dies away; 1 % above it one stays."""
     loop = fc.Loop.preset(name.split(",")[0]).assign(backlash=0.0, **ULTIMATE[name])
-    columns, conditions = of(loop, fc.constant_day(0.6))
-    ultimate = columns["kp"][0] * margins_of(columns, plants_of(columns, conditions)).gain_margin[0]
+    columns, at_rest = plants_at(loop, fc.constant_day(0.6))
+    ultimate = columns["kp"][0] * margins_of(columns, at_rest).gain_margin[0]
     swept = loop.assign(kp=("share", ultimate * np.array([0.99, 1.01])))
     T = fc.simulate(swept, fc.constant_day(8.0), traces=["T_sup"], n_jobs=1).T_sup
     swings = [T.isel(elapsed_time=slice(h * 3600, (h + 1) * 3600)) for h in (5, 7)]

@@ -9,8 +9,8 @@ from helpers.refusals import only_problem
 from fastcoil.design.measures import Limit, Measure, goal_of, limits_of, reported, violation
 
 
-@pytest.mark.parametrize("n", [1, 7, 20, 100])
-@pytest.mark.parametrize("quantile", [0.05, 0.5, 0.95, 1.0])
+@pytest.mark.parametrize("n", [1, 20])
+@pytest.mark.parametrize("quantile", [0.05, 0.95, 1.0])
 def test_a_quantile_is_the_least_value_that_so_many_do_not_exceed(n, quantile):
     values = np.random.default_rng(n).normal(size=(3, n))
     for row, found in zip(values, Measure("rmse", quantile).of(values), strict=True):
@@ -68,7 +68,7 @@ def test_an_objective_must_be_a_metric_of_which_less_is_better(objective, words)
     assert words in only_problem(goal_of, objective, 0.95)
 
 
-@pytest.mark.parametrize("quantile", [0, 1.5, "median", None, True, math.nan])
+@pytest.mark.parametrize("quantile", [0, 1.5, "median", True, math.nan])
 def test_a_quantile_must_be_a_share_or_the_mean(quantile):
     assert "give a share of valves and days" in only_problem(goal_of, "rmse", quantile)
 

@@ -17,13 +17,10 @@ def days():
     ("search", "words"),
     [
         ({}, "search is empty"),
-        ([1], "give bounds by parameter"),
         ({"kpp": (1, 2)}, "search: kpp is not a parameter"),
         ({"backlash": (0, 0.1)}, "backlash is not the controller's to choose"),
-        ({"plant_gain": (1, 2)}, "plant_gain is not the controller's to choose"),
         ({"law": (0, 1)}, "law is a word"),
         ({"kp": 0.1}, "give two numbers"),
-        ({"kp": (0.1,)}, "give two numbers"),
         ({"kp": (0.1, "0.2")}, "give two numbers"),
         ({"kp": (0.2, 0.1)}, "the lowest value must be below the highest"),
         ({"ti": (0, 100)}, "search: ti = 0"),
@@ -66,12 +63,10 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
         ({"boundary": None}, "boundary is a NoneType: give a Boundary"),
         ({"objective": "rms"}, "did you mean 'rmse'?"),
         ({"evaluations": 0}, "evaluations = 0"),
-        ({"seed": -1}, "seed = -1"),
         ({"n_jobs": 0}, "n_jobs = 0"),
         ({"progress": 3}, "progress = 3: give True, False or a function"),
         ({"kept": "no/such/folder/tune.json"}, "give a file in a folder that exists"),
         ({"warm_up": 9999}, "nothing is left to count"),
-        ({"holdout": [7]}, "the boundary has no day 7"),
     ],
 )
 def test_every_mistake_is_reported_in_a_sentence(days, change, words):

@@ -2,23 +2,20 @@
 
 import numpy as np
 import pytest
-from helpers.linear_loops import KINDS, of
+from helpers.first_order_plants import first_order_plants
+from helpers.linear_loops import KINDS, plants_at
 
 import fastcoil as fc
 from fastcoil.design.linearise import calm, first_order, margins_of, simc, ziegler_nichols
-from fastcoil.design.plants import Plants
 
-LAG, DELAY, GAIN = 80.0, 12.0, -20.0
+LAG, DELAY, GAIN = 80.0, 12, -20.0
 
 
 def closed_form(ts, tau=0.0, gap=0.0, delay=DELAY):
     """A plant of first order with delay, as the theory has it, and the columns that go with it."""
-    seconds = np.arange(1, 1201)
-    response = GAIN * np.where(seconds > delay, -np.expm1(-(seconds - delay) / LAG), 0.0)[None, :]
-    one, nothing = np.ones(1), np.zeros(1)
-    plants = Plants(one, one, GAIN * one, one > 0, one, nothing, response, np.zeros(1, int), np.ones((1, 17)))
     columns = {"sample_time": ts, "sensor_time_constant": tau, "kp": 0.02, "ti": 60.0, "backlash": gap}
-    return {name: np.array([float(v)]) for name, v in columns.items()} | {"action": np.array(["cooling"])}, plants
+    whole = {name: np.array([float(v)]) for name, v in columns.items()} | {"action": np.array(["cooling"])}
+    return whole, first_order_plants(GAIN, LAG, delay)
 
 
 def test_a_first_order_plant_with_delay_is_found_as_it_is():
@@ -49,7 +46,7 @@ def test_rules_count_half_a_sample_time_as_dead_time_and_the_stroke_behind_the_g
 
 
 def test_simc_shortens_ti_where_the_lag_is_long():
-    columns, plants = closed_form(ts=4, delay=3.0)
+    columns, plants = closed_form(ts=4, delay=3)
     assert simc(columns, plants, first_order(columns, plants)).ti[0] == pytest.approx(8.0 * (3.0 + 2.0), rel=2e-3)
 
 
@@ -82,16 +79,9 @@ def test_each_rule_makes_a_loop_that_follows_a_set_point_without_hunting():
         kp = [float(linear[f"kp_{rule}"]) for rule in ("lambda", "simc", "zn")]
         ti = [float(linear[f"ti_{rule}"]) for rule in ("lambda", "simc", "zn")]
         tuned = ideal.assign(kp=("rule", kp), ti=("rule", ti))
-        margins = margins_of(*_plants(tuned, entering))
+        margins = margins_of(*plants_at(tuned, fc.constant_day(0.6, **entering)))
         assert (margins.gain_margin > 1.3).all(), name
         assert margins.gain_margin[0] == margins.gain_margin.max(), name
         T = fc.simulate(tuned, day, traces=["T_sup"], warm_up=1800, n_jobs=1).T_sup.values - T_set
         assert np.abs(T[:, -300:]).max() < 0.02, name
         assert T[0, 2700 + 60] <= T[1:, 2700 + 60].max() + 1e-9, name
-
-
-def _plants(loop, entering):
-    from fastcoil.design.plants import plants_of
-
-    columns, conditions = of(loop, fc.constant_day(0.6, **entering))
-    return columns, plants_of(columns, conditions)

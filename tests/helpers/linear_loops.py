@@ -34,3 +34,9 @@ def plants(name, **changes):
     """Parameters of one kind, and its plant at rest."""
     columns, conditions = points(name, **changes)
     return columns, plants_of(columns, conditions)
+
+
+def plants_at(loop, day):
+    """Parameters of a loop, or a sweep, and its plants on a day that is always the same."""
+    columns, conditions = of(loop, day)
+    return columns, plants_of(columns, conditions)
