@@ -13,19 +13,15 @@ from fastcoil.base.arguments import flag_of, is_number, level_of, names_of, path
 from fastcoil.base.errors import InputError, InputTypeError
 
 
-@pytest.mark.parametrize("value", [1, 2.5, np.float32(1), np.int8(3), Fraction(1, 3), float("nan")])
-def test_numbers(value):
-    assert is_number(value)
-
-
-@pytest.mark.parametrize("value", [True, np.True_, "1", None, 1j, [1], np.array([1.0]), np.timedelta64(1, "ns")])
-def test_what_is_not_a_number(value):
-    assert not is_number(value)
-
-
-@pytest.mark.parametrize("value", [1, 5, np.int64(5), np.uint8(1)])
-def test_whole_numbers_within_their_limits(value):
-    assert whole_number_problems("n", value, 1, 5) == []
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        *((number, True) for number in (1, 2.5, np.float32(1), np.int8(3), Fraction(1, 3), float("nan"))),
+        *((other, False) for other in (True, np.True_, "1", None, 1j, [1], np.array([1.0]), np.timedelta64(1, "ns"))),
+    ],
+)
+def test_what_is_a_number(value, expected):
+    assert is_number(value) is expected
 
 
 @pytest.mark.parametrize(
@@ -42,10 +38,7 @@ def test_whole_numbers_within_their_limits(value):
 )
 def test_a_bad_whole_number_is_named_with_the_cure(value, sentence):
     assert whole_number_problems("n", value, 1, 5) == [sentence]
-
-
-def test_a_whole_number_may_have_no_upper_limit():
-    assert whole_number_problems("n", 10**30, 1) == []
+    assert whole_number_problems("n", np.int64(5), 1, 5) == whole_number_problems("n", 10**30, 1) == []
     assert whole_number_problems("n", 0, 1) == ["n = 0: must be at least 1"]
 
 
@@ -161,19 +154,6 @@ def test_a_wrong_type_is_a_type_error_too(call):
 def test_a_number_of_numpy_without_dims_is_a_number():
     assert fc.paper_day(hours=0.1, seed=np.array(1)) == fc.paper_day(hours=0.1, seed=1)
     assert fc.Loop(kp=np.array(0.05)) == fc.Loop(kp=0.05)
-
-
-def test_half_of_a_surrogate_pair_is_refused_before_anything_is_run():
-    labels = xr.DataArray([0.01, 0.02], {"tuning": ["a", "\ud800"]}, "tuning")
-    for call in (
-        lambda: fc.Loop(kp=labels),
-        lambda: fc.Loop(**{"\ud800": 1}),
-        lambda: fc.Loop(kp=("\ud800", [0.01])),
-        lambda: fc.run_study("\ud800.toml"),
-    ):
-        with pytest.raises(InputError) as caught:
-            call()
-        assert str(caught.value).isprintable()
 
 
 def test_sizes_that_a_value_asks_for_have_limits():

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 from click.testing import CliRunner
 
@@ -30,10 +27,6 @@ def test_run_writes_results_and_figures_and_says_where(fastcoil, tmp_path):
         assert (tmp_path / "results" / "small" / path).stat().st_size > 1000
     assert "6 scenario-days (2 backlash × 3 estimate_ratio)" in result.output
     assert "against the plain PI" in result.output
-
-
-def test_run_again_says_that_there_is_nothing_to_do(fastcoil):
-    fastcoil("run", "small.toml", "--no-figures")
     again = fastcoil("run", "small.toml", "--no-figures")
     assert again.exit_code == 0
     assert "finished: nothing to do" in again.output
@@ -60,46 +53,12 @@ def test_the_summary_of_a_resumed_run_does_not_time_what_an_earlier_one_did(fast
     assert "the last of them in" in summary(ds.assign_attrs(wall_time_s=0.5 * n / rate))[1]
 
 
-def test_the_help_of_run_shows_backend_and_not_its_earlier_name(fastcoil):
-    shown = fastcoil("run", "--help").output
-    assert "--backend" in shown
-    assert "--engine" not in shown
-
-
 def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
     result = fastcoil("plan", "small.toml")
     assert result.exit_code == 0, result.output
     for part in ("6 (2 backlash × 3 estimate_ratio)", "3,600 s each, 21,600 in total", "Time:", "Memory:", "Disk:"):
         assert part in result.output
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
-
-
-def test_plot_draws_a_figure_of_choice(fastcoil, tmp_path):
-    fastcoil("run", "small.toml", "--no-figures")
-    result = fastcoil("plot", "results/small", "-x", "estimate_ratio", "--metric", "stem_travel")
-    assert result.exit_code == 0, result.output
-    assert (tmp_path / "results/small/figures/stem_travel_estimate_ratio.png").exists()
-    wrong = fastcoil("plot", "results/small", "-x", "estimate", "--metric", "rms")
-    assert wrong.exit_code == 2
-    assert "did you mean 'estimate_ratio'" in wrong.output
-    assert "did you mean 'rmse'" in wrong.output
-
-
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (("-x", "backlash", "-y", "backlash"), "backlash is named twice: choose two different axes"),
-        (("-x", "backlash", "--by", "backlash"), "backlash is named twice: choose two different axes"),
-        (("-x", "backlash", "-y", "estimate_ratio", "--by", "kp"), "-y estimate_ratio and --by kp: give one of them"),
-    ],
-)
-def test_a_figure_of_axes_that_do_not_go_together_is_refused(fastcoil, tmp_path, words, sentence):
-    fastcoil("run", "small.toml", "--no-figures")
-    wrong = fastcoil("plot", "results/small", *words)
-    assert wrong.exit_code == 2
-    assert wrong.output.startswith(f"fastcoil: {sentence}")
-    assert wrong.output.count("\n") == 1
-    assert not (tmp_path / "results/small/figures").exists()
 
 
 def test_the_help_shows_the_example_line_by_line(fastcoil):
@@ -186,16 +145,6 @@ def test_an_interrupt_exits_with_130(fastcoil, tmp_path, monkeypatch):
     result = fastcoil("run", "small.toml")
     assert result.exit_code == 130
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
-
-
-def test_import_and_help_load_nothing_heavy():
-    code = (
-        "import sys, fastcoil, fastcoil.cli; fc = fastcoil.parameters(); "
-        "heavy = {'numba', 'xarray', 'scipy', 'matplotlib', 'pydantic', 'rich', 'numpy'} & set(sys.modules); "
-        "sys.exit(f'loaded {heavy}' if heavy else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
-    assert done.returncode == 0, done.stderr
 
 
 def test_every_public_name_can_be_had():

@@ -59,9 +59,3 @@ def test_a_day_off_that_is_run_again_has_no_error(finished, monkeypatch):
     monkeypatch.setattr(maintenance, "TRACES", ("T_sup",))
     again = fastcoil("rerun", finished[0], "--at", "day=1,backlash=0.07")
     assert again.output.startswith("no rmse, the loop was off, status ok\n")
-
-
-def test_a_label_given_twice_is_refused(finished):
-    again = fastcoil("rerun", finished[0], "--at", "day=1,backlash=0.07", "--at", "day=2")
-    assert again.exit_code == 2
-    assert "--at: 'day' is given twice: give it once" in again.output

@@ -41,6 +41,13 @@ def test_the_standard_figures_are_written_in_the_format_asked_for(folder, format
         assert path.read_bytes().startswith(start)
 
 
+def test_misspelt_names_are_answered_with_the_nearest(folder):
+    wrong = plot(folder, "-x", "estimate", "--metric", "rms")
+    assert wrong.exit_code == 2
+    assert "did you mean 'estimate_ratio'" in wrong.output
+    assert "did you mean 'rmse'" in wrong.output
+
+
 def test_dots_per_inch_are_those_asked_for(folder):
     words = (folder, "-x", "backlash", "--metric", "rmse")
     sizes = []
@@ -53,6 +60,12 @@ def test_dots_per_inch_are_those_asked_for(folder):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
+        (("-x", "backlash", "-y", "backlash"), "backlash is named twice: choose two different axes"),
+        (("-x", "backlash", "--by", "backlash"), "backlash is named twice: choose two different axes"),
+        (
+            ("-x", "backlash", "-y", "estimate_ratio", "--by", "kp"),
+            "-y estimate_ratio and --by kp: give one of them, -y for a map or --by for curves",
+        ),
         (("--format", "jpg"), "format = 'jpg', did you mean 'png'?: choose 'png', 'pdf' or 'svg'"),
         (("--dpi", "20"), "dpi = 20: give a whole number from 50 to 1200"),
         (("--dpi", "fine"), "dpi = 'fine': give a whole number from 50 to 1200"),

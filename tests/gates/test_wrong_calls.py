@@ -1,14 +1,17 @@
-"""A wrong argument of any public function gives a sentence: every argument, some fifty wrong values."""
+"""A wrong argument of any public function gives a sentence: every argument, some forty wrong values."""
 
+import datetime
 import inspect
+import math
 import random
 import warnings
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
-from helpers.hostile_values import HOSTILE, NEVER_RIGHT
 from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
 from helpers.loop_logs import loop_log, write_log
 from helpers.rules import Memory, Parameters, by_error
@@ -17,6 +20,9 @@ from matplotlib.figure import Figure
 
 import fastcoil as fc
 from fastcoil.base import figures as files
+from fastcoil.design.tuning_result import Tuning
+from fastcoil.measured.diagnosis import Diagnosis
+from fastcoil.measured.fit import Fit
 
 pytestmark = pytest.mark.kernel
 
@@ -31,6 +37,26 @@ hours = 0.05
 [run]
 warm_up = 60
 """
+HOSTILE = {
+    "None": None, "NaN": math.nan, "inf": math.inf, "-1": -1, "0": 0, "1.5": 1.5, "1e308": 1e308, "10**9": 10**9,
+    "complex": 1j, "True": True, "empty text": "", "text": "x", "half a surrogate pair": "\ud800",
+    "text with NUL": "a\0b", "number as text": "1", "bytes": b"x", "list of mixed things": [1, "a", None],
+    "ragged list": [[1.0], [1.0, 2.0]], "pair": ("tuning", object()), "dict": {"a": 1}, "set": {1, 2},
+    "dict with other keys": {None: 1, 2: "b"}, "dict of arrays": {"a": np.array([1.0, 2.0])}, "Path": Path("x"),
+    "large range": range(10**9), "object": object(), "function": lambda: None, "module": math,
+    "empty array": np.empty(0), "3-d array": np.ones((2, 2, 2)), "array of objects": np.array([object(), None]),
+    "array of text": np.array(["a", "b"]), "NaT": np.datetime64("NaT"), "timedelta64": np.timedelta64(1, "s"),
+    "array of datetime64": np.array(["2024-07-01", "NaT"], dtype="M8[s]"), "datetime": datetime.datetime(2024, 7, 1),
+    "masked array": np.ma.array([1.0, 2.0], mask=[True, False]), "pd.NA": pd.NA,
+    "DataFrame": pd.DataFrame({"a": [1.0]}),
+    "Dataset": xr.Dataset({"x": ("t", [1.0, 2.0])}, attrs={"parameters": "{", "title": "\ud800"}),
+    "DataArray": xr.DataArray(["a", "b"], dims="sample"),
+    "DataArray along time": xr.DataArray([1.0, 2.0], {"elapsed_time": ["a", "b"]}, "elapsed_time"),
+    "DataArray in bad units": xr.DataArray([1.0, 2.0], dims="elapsed_time", attrs={"units": 5}),
+}  # fmt: skip
+"""Wrong values that users pass by mistake: of another type, size, unit or shape."""
+NEVER_RIGHT = ("object", "module")
+"""Values that no argument accepts."""
 _WEATHER = ["hour_of_year", "month", "day", "hour", "T_drybulb_C", "T_dewpoint_C"]
 
 
@@ -45,29 +71,11 @@ def public_calls():
             found[name] = value
         if isinstance(value, type):
             found |= _methods(name, value)
-    found |= _methods("Fit", type_of_fit()) | _methods("Diagnosis", type_of_diagnosis())
-    found |= _methods("Tuning", type_of_tuning())
+    for cls in (Fit, Diagnosis, Tuning):
+        found |= _methods(cls.__name__, cls)
     found[files.write.__name__] = files.write
     found |= {f"plot.{name}": getattr(fc.plot, name) for name in fc.plot.__all__}
     return {name: call for name, call in found.items() if parameters(call)}
-
-
-def type_of_fit():
-    from fastcoil.measured.fit import Fit
-
-    return Fit
-
-
-def type_of_diagnosis():
-    from fastcoil.measured.diagnosis import Diagnosis
-
-    return Diagnosis
-
-
-def type_of_tuning():
-    from fastcoil.design.tuning_result import Tuning
-
-    return Tuning
 
 
 def _methods(name, cls):
@@ -202,7 +210,7 @@ def faults(base, name, argument, value):
     """What is wrong with the answer to a wrong value."""
     said = f"{name}({argument}={value})"
     try:
-        call(base, **{argument: HOSTILE[value]()})
+        call(base, **{argument: HOSTILE[value]})
     except fc.FastcoilError as error:
         text = str(error)
         if value in NEVER_RIGHT and not isinstance(error, fc.InputTypeError):

@@ -34,11 +34,6 @@ def test_the_longest_record_is_read_where_hours_are_given(write):
     assert fc.Boundary.from_csv(path, **UNIT, hours=1).n_steps == 3600
 
 
-def test_a_replay_of_centuries_is_refused(write):
-    path = write(["elapsed_time [s]", "T_sup [degC]", "T_set [degC]"], [[4e9 * k, 14, 14] for k in range(3)])
-    assert f"at most {MOST_SECONDS:,} s can be read" in only_problem(fc.replay, fc.Loop(), path)
-
-
 @pytest.mark.parametrize("time_of_last", ["1e308", "-1e308", "1e11"])
 def test_a_time_beyond_three_centuries_is_refused(write, time_of_last):
     path = write(HEADER, [[0, *ROW], [60, *ROW], [time_of_last, *ROW]])

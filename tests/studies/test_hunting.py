@@ -218,25 +218,6 @@ def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp
     assert float(plant["T"][0]) == pytest.approx(2000.0, rel=0.05)
 
 
-def test_wide_plants_lie_beyond_the_others_and_heating_has_less_gain():
-    near, wide = hunting_loops.valves(1, 200), hunting_loops.valves(1, 200, wide=True)
-    assert set(np.unique(wide["sample_time"])).isdisjoint(np.unique(near["sample_time"]))
-    for name in ("C_w", "C_c", "m_full", "sensor_time_constant", "stroke_time"):
-        assert np.asarray(wide[name]).max() > np.asarray(near[name]).max()
-    heated = hunting_loops.acting(near, kinds.HEATING)
-    np.testing.assert_allclose(np.asarray(heated["kp"]) / np.asarray(near["kp"]), hunting_loops.HEATING_GAIN)
-    assert np.unique(heated["action"]) == ["heating"]
-    assert hunting_loops.acting(near, hunting_loops.WET) is near
-
-
-def test_a_change_of_the_calm_kp_is_a_geometric_mean():
-    ratio = xr.DataArray([[2.0, 0.5], [8.0, 2.0]], dims=("sample", "day"))
-    cell = hunting_backlash.change_of(ratio, xr.DataArray(np.ones((2, 2), bool), dims=("sample", "day")))
-    assert cell.startswith("+100 % (")
-    assert hunting_cures.cost(ratio, ratio) == "0"
-    assert hunting_cures.cost(ratio, xr.ones_like(ratio)).startswith("+100 % (")
-
-
 @pytest.mark.full
 @pytest.mark.kernel
 def test_a_population_is_that_of_single_simulations():

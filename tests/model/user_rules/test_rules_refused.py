@@ -1,6 +1,5 @@
 """A rule that would not run, or run otherwise than it reads, is refused with a sentence before anything runs."""
 
-import random
 from typing import NamedTuple
 
 import numpy as np
@@ -33,10 +32,6 @@ def knows(now, p, memory):
     return now.backlash, memory
 
 
-def wants(now, p, memory):
-    return p.gian, memory
-
-
 def replaces(now, p, memory):
     return 0.1, memory._replace(calls=1.0)
 
@@ -53,14 +48,6 @@ def sometimes(now, p, memory):
 
 def other_shape(now, p, memory):
     return 0.1, (1.0, 2.0, 3.0)
-
-
-def of_text(now, p, memory):
-    return 0.1, Memory("a", 1.0)
-
-
-def draws_too(now, p, memory):
-    return random.random(), memory
 
 
 def of_bytes(now, p, memory):
@@ -99,14 +86,6 @@ def too_long(now, p, memory):
     return LONG[0], memory
 
 
-def hidden(x, table=ARRAY):
-    return table[int(x)]
-
-
-def of_default(now, p, memory):
-    return hidden(now.t), memory
-
-
 def make_early():
     def early(now, p, memory):
         return late * now.e, memory
@@ -120,18 +99,14 @@ REFUSED = [
     (looks_up, r"looks_up uses ARRAY, array\(\[0.1, 0.2, 0.4\]\): write a table as a tuple of numbers"),
     (beyond, r"beyond may raise .*; limit an index in whole numbers, as in TUPLE\[min\(max\(k, 0\), 2\)\]"),
     (too_long, "too_long uses LONG, a tuple of 300 numbers, which takes minutes to compile: give it at most 256"),
-    (of_default, r"of_default uses table, array.*: write a table as a tuple"),
     (make_early(), "early uses late, which has no value yet: give it one before"),
     (makes_an_array, "makes_an_array makes an array, a list or a text in every call"),
     (raises, "raises may raise an error or print"),
     (knows, r"knows reads backlash of a Sample, line \d+ of test_rules_refused.py: it has t, T_set, m_a, T"),
-    (wants, r"wants reads gian of a Parameters, line \d+ .*: it has sample_time, kp, gain"),
     (replaces, r"replaces reads _replace of a Memory, .*: make a new Memory\(…\)"),
     (forgets, r"forgets returns a number alone: return a number and Memory\(…\), with a comma between"),
     (sometimes, r"sometimes does not compile, line \d+ .*: Can't unify return type"),
     (other_shape, r"other_shape returns 3 values as its memory: return Memory\(…\), a number for each field"),
-    (of_text, r"of_text does not compile, line \d+ "),
-    (draws_too, "draws_too uses random, .*: use numbers, functions written in Python, math and numpy"),
     (of_bytes, "of_bytes uses bytes: use numbers"),
     (draws, "draws draws random numbers: nobody could repeat its results"),
     (uses_a_list, r"uses_a_list uses TABLE, \[1.0, 2.0\]: write a table as a tuple"),
