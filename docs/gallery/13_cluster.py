@@ -3,7 +3,7 @@ How do I run a study on several machines?
 =========================================
 
 A study is cut into shards, and a shard can run anywhere.  With dask, workers on any number of machines take
-them.  Here the whole cluster is on this one; the lines are the same otherwise.
+them.  Here the whole cluster is on this machine; the lines are the same otherwise.
 """
 
 import subprocess
@@ -28,13 +28,26 @@ seed = [1, 2]
 """)
 
 # %%
-# In a terminal this is ``fastcoil run cluster.toml -o results/far --backend dask -j 1``.  Without an address it
-# starts a cluster of its own, which ends with the study.  In the field a scheduler runs already: add its
-# address, as in ``--scheduler tcp://10.0.0.5:8786``.
+# A scheduler and a worker, as ``dask scheduler`` and ``dask worker ADDRESS`` start them on any machine:
 
-command = ["run", "cluster.toml", "-o", "results/far", "--backend", "dask", "-j", "1"]
+address = "tcp://127.0.0.1:8786"
+quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+scheduler = subprocess.Popen(
+    [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "8786", "--no-dashboard"], **quiet
+)
+worker = subprocess.Popen(
+    [sys.executable, "-m", "dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"], **quiet
+)
+
+# %%
+# In a terminal this is ``fastcoil run cluster.toml -o results/far --backend dask --scheduler ADDRESS``:
+
+command = ["run", "cluster.toml", "-o", "results/far", "--backend", "dask", "--scheduler", address]
 done = subprocess.run([sys.executable, "-m", "fastcoil", *command], capture_output=True, text=True, check=True)
 print(done.stdout)
+for program in (worker, scheduler):
+    program.terminate()
+    program.wait()
 
 plt.figure(figsize=(10, 6), layout="constrained")
 plt.axis("off")
