@@ -87,10 +87,8 @@ def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
     with quick_start():
         from fastcoil.base.machine import available_memory, gib
-        from fastcoil.loops.plan import check_disk
-        from fastcoil.loops.running import count_shards, estimate_seconds
-        from fastcoil.loops.shards import first_shards
-        from fastcoil.loops.simulate import workers
+        from fastcoil.loops.plan import check_disk, first_shards
+        from fastcoil.loops.simulate import count_shards, estimate_seconds, workers
         from fastcoil.model.engine.lanes import compile_kernel
         from fastcoil.study.file.spec import read_study
         from fastcoil.study.run import default_folder

@@ -14,12 +14,10 @@ from fastcoil.base.arrays import Array, Index, array_of
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.plants import Columns, Plants, plants_of
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.clashes import check_clashes
-from fastcoil.loops.dataset import coordinate_attrs
+from fastcoil.loops.clashes import check_clashes, check_stability
 from fastcoil.loops.labels import quantity
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.scenarios import Layout, columns_of
-from fastcoil.loops.stability import check_stability
+from fastcoil.loops.scenarios import Layout, columns_of, coordinate_attrs
 from fastcoil.model.metric_table import WARM_UP
 
 ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")

@@ -1,7 +1,7 @@
 """Loops, the days that act on them, their simulation, and results as Datasets and NetCDF files.
 
 Read ``loop`` (``Loop``; ``assignment`` checks its values, ``presets`` and ``keywords`` name them) and ``boundary``;
-then ``plan`` (a validated simulation; ``clashes`` and ``stability`` refuse, ``scenarios`` numbers), ``shards``,
-``running`` and ``simulate``.  ``dataset``, ``labels`` and ``provenance`` describe results; ``netcdf`` and
-``stored_file`` keep them on disk, ``netcdf_probe`` is the child process that tries unknown files.
+then ``scenarios`` (their numbers, their days, their results as a Dataset), ``clashes`` (what is refused), ``plan`` (a
+validated simulation, cut into shards) and ``simulate``.  ``labels`` and ``provenance`` describe results, ``netcdf``
+keeps them on disk, ``netcdf_probe`` is the child process that tries unknown files.
 """

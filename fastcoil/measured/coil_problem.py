@@ -15,8 +15,8 @@ from fastcoil.logs import Log
 from fastcoil.logs.pieces import at_seconds, require_whole_seconds
 from fastcoil.logs.series import counted, first_row
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.running import within
 from fastcoil.loops.scenarios import columns_of
+from fastcoil.loops.simulate import within
 from fastcoil.measured.least_squares import FORBIDDEN, Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.measured.part import Part, unbroken
 from fastcoil.model import moist_air

@@ -18,10 +18,9 @@ from fastcoil.logs import Log, read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.loops.clashes import controller_clashes, missing_parameters
-from fastcoil.loops.dataset import attributes, coordinate_attrs
 from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.provenance import provenance
-from fastcoil.loops.scenarios import columns_of
+from fastcoil.loops.scenarios import attributes, columns_of, coordinate_attrs
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS, REPLAY_TRACES, run_replay
 from fastcoil.model.estimators.registry import ESTIMATORS

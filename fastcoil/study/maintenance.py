@@ -16,15 +16,13 @@ from fastcoil.base.files import file_name, is_file, is_folder, make_folder, stor
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
-from fastcoil.loops.dataset import coordinate_attrs
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
-from fastcoil.loops.plan import Plan, simulation_attributes
+from fastcoil.loops.plan import Plan, Shard, Stretch, simulation_attributes
 from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.provenance import provenance
-from fastcoil.loops.running import run_shard
-from fastcoil.loops.scenarios import Layout, clock_coordinates
-from fastcoil.loops.shards import Shard, Stretch
+from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
+from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
 from fastcoil.model.metric_table import (
     METRICS,

@@ -19,10 +19,9 @@ from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_
 from fastcoil.base.errors import InputError, IntegrityError, StorageError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
-from fastcoil.loops.dataset import check_same_form
-from fastcoil.loops.plan import check_disk, check_workers
+from fastcoil.loops.plan import END_STATE, Reached, check_disk, check_workers, first_shards
 from fastcoil.loops.provenance import environments_of
-from fastcoil.loops.shards import END_STATE, Reached, first_shards
+from fastcoil.loops.scenarios import check_same_form
 from fastcoil.loops.simulate import workers
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import same_model

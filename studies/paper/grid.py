@@ -19,11 +19,11 @@ import xarray as xr
 from fastcoil.base.text import percent
 from fastcoil.loops.boundary.days import constant_day, design_day, paper_day
 from fastcoil.loops.boundary.record import Boundary
+from fastcoil.loops.clashes import stable
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.presets import COOLING
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.simulate import simulate
-from fastcoil.loops.stability import stable
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import water_flow
 

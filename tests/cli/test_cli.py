@@ -121,7 +121,7 @@ def test_a_setting_that_a_library_would_fail_at_is_a_mistake(fastcoil, monkeypat
 
 
 def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
-    from fastcoil.loops import running as simulation
+    from fastcoil.loops import simulate as simulation
 
     original = simulation.run_block
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fastcoil.loops.shards import END_STATE, Shard, Stretch
+from fastcoil.loops.plan import END_STATE, Shard, Stretch
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.workers import dispatch
 from fastcoil.study.workers.dispatch import Dispatcher

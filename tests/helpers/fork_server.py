@@ -23,7 +23,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from fastcoil.base.errors import FastcoilError
-from fastcoil.loops.shards import Shard, Stretch
+from fastcoil.loops.plan import Shard, Stretch
 from fastcoil.study import run as runner
 from fastcoil.study.workers.worker import Job, run_scenarios
 from helpers import calls

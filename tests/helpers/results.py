@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from fastcoil.loops.dataset import attributes, coordinate_attrs
+from fastcoil.loops.scenarios import attributes, coordinate_attrs
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS
 
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.plan import plan_simulation
-from fastcoil.loops.running import run_shard
-from fastcoil.loops.shards import Stretch
+from fastcoil.loops.plan import Stretch, plan_simulation
+from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.metrics import COUNTED, HUNTING_SEEN, SETTLED
 from fastcoil.model.metric_table import METRICS, TRACES
 

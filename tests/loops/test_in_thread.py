@@ -12,12 +12,12 @@ import pytest
 from helpers.processes import environment
 from helpers.rules import HEAD
 
-from fastcoil.loops import running as in_thread
-from fastcoil.loops.running import on_threads, run_interruptibly, within
+from fastcoil.loops import simulate as running
+from fastcoil.loops.simulate import on_threads, run_interruptibly, within
 
 
 def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(monkeypatch):
-    monkeypatch.setattr(in_thread, "run_block", lambda block, *_: threading.current_thread() is here)
+    monkeypatch.setattr(running, "run_block", lambda block, *_: threading.current_thread() is here)
     here = threading.current_thread()
     plain, own = SimpleNamespace(identity=""), SimpleNamespace(identity="own")
     for law, estimator, stays in ((None, None, True), (None, plain, True), (None, own, False), (own, None, False)):

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.loops import plan as resources
-from fastcoil.loops.dataset import join_flat
 from fastcoil.loops.plan import plan_simulation
+from fastcoil.loops.scenarios import join_flat
 from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import STATUS_CRASHED
 

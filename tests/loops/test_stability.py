@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
+from fastcoil.loops.clashes import check_stability, stable
 from fastcoil.loops.scenarios import Layout
-from fastcoil.loops.stability import check_stability, stable
 from fastcoil.model import moist_air
 from fastcoil.model.parameter_table import PARAMETERS
 

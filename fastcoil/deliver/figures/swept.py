@@ -12,8 +12,8 @@ from fastcoil.base.errors import InputError, WrongType
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, STYLE, wrapped
 from fastcoil.deliver.figures import drawing
-from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import label_in_words, quantity_of, quantity_of_values
+from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import METRICS, metric_meant
 from fastcoil.study.analysis.selected import binned, drawn_parameters
 

@@ -17,8 +17,8 @@ from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, STYLE, YELLOW, wrapped
 from fastcoil.deliver.figures.drawing import caption, in_style, legend_above, places, say_if_empty, width_of
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import is_parameter, label_in_words, quantity, quantity_of
+from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import SWITCH_BLOCK, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 

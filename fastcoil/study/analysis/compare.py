@@ -16,8 +16,8 @@ import xarray as xr
 from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.text import NONE, decimals_of, percent, written
-from fastcoil.loops.dataset import check_result
 from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_values
+from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
 from fastcoil.study.analysis.paired import OF_THRESHOLD, STATISTICS, in_shares, statistics_of
 

@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, number_of, text_of
 from fastcoil.base.errors import InputError, shown
-from fastcoil.loops.dataset import attributes, check_result
+from fastcoil.loops.scenarios import attributes, check_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY
 
 COP = 4.0  # of a chiller with its tower, at the mean of a year: 0.6 kW a ton is 5.9, 1.0 kW a ton is 3.5

@@ -10,7 +10,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, level_of, names_of
 from fastcoil.base.errors import InputError, shown
-from fastcoil.loops.dataset import check_result
+from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
 
 INDICES = ("first_order", "total")

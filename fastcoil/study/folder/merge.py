@@ -16,12 +16,10 @@ import xarray as xr
 
 from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import storage_errors
-from fastcoil.loops.dataset import attributes, join_flat, unflatten
-from fastcoil.loops.netcdf import write
+from fastcoil.loops.netcdf import layout_of, write
 from fastcoil.loops.plan import Plan, simulation_attributes
 from fastcoil.loops.provenance import combined_sha256, provenance, variable_sha256
-from fastcoil.loops.scenarios import columns_of
-from fastcoil.loops.stored_file import layout_of
+from fastcoil.loops.scenarios import attributes, columns_of, join_flat, unflatten
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder

@@ -17,10 +17,9 @@ import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists
-from fastcoil.loops.dataset import check_result
-from fastcoil.loops.netcdf import write
+from fastcoil.loops.netcdf import StoredFile, file_sha256, open_lazily, try_reading, write
 from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
-from fastcoil.loops.stored_file import StoredFile, file_sha256, open_lazily, try_reading
+from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import TRACES
 from fastcoil.study.folder.manifest import Manifest
 

@@ -17,13 +17,11 @@ import xarray as xr
 from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.base.files import exists, is_file, is_folder
-from fastcoil.loops.dataset import check_result, join_flat, unflatten
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.plan import Plan
+from fastcoil.loops.netcdf import try_reading
+from fastcoil.loops.plan import END_STATE, Plan, Reached
 from fastcoil.loops.provenance import environments_of
-from fastcoil.loops.scenarios import columns_of
-from fastcoil.loops.shards import END_STATE, Reached
-from fastcoil.loops.stored_file import try_reading
+from fastcoil.loops.scenarios import check_result, columns_of, join_flat, unflatten
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.model.numerics.jit import same_model

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
-from fastcoil.loops.dataset import check_same_form
-from fastcoil.loops.shards import END_STATE
+from fastcoil.loops.plan import END_STATE
+from fastcoil.loops.scenarios import check_same_form
 from fastcoil.study.folder import result_files
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.manifest import Manifest

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, out_of_memory
-from fastcoil.loops.shards import Shard, Stretch
+from fastcoil.loops.plan import Shard, Stretch
 from fastcoil.study.workers.pools import Pool
 from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 

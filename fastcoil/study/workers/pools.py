@@ -27,8 +27,8 @@ import numpy as np
 
 from fastcoil.base.errors import FastcoilError, InputError, missing_extra, shown
 from fastcoil.base.files import storage_errors
-from fastcoil.loops.running import within
-from fastcoil.loops.shards import Shard, Stretch
+from fastcoil.loops.plan import Shard, Stretch
+from fastcoil.loops.simulate import within
 from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.workers.worker import (
     Job,

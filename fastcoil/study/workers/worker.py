@@ -17,10 +17,9 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError
-from fastcoil.loops.dataset import flat_dataset
-from fastcoil.loops.plan import Plan
-from fastcoil.loops.running import run_shard
-from fastcoil.loops.shards import END_STATE, Shard, Stretch
+from fastcoil.loops.plan import END_STATE, Plan, Shard, Stretch
+from fastcoil.loops.scenarios import flat_dataset
+from fastcoil.loops.simulate import run_shard
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
 from fastcoil.model.user_rules import RuleHashes, own_code_of, refuse_other_code

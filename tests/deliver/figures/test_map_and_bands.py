@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 import fastcoil as fc
 from fastcoil.base.figures import COLOURS
 from fastcoil.deliver.figures import study as plots
-from fastcoil.loops.dataset import coordinate_attrs
+from fastcoil.loops.scenarios import coordinate_attrs
 
 pytestmark = pytest.mark.kernel
 

@@ -12,7 +12,7 @@ from helpers.studies import golden, quarantined, run, run_until_interrupted, sha
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.loops import netcdf, plan
-from fastcoil.loops.shards import END_STATE
+from fastcoil.loops.plan import END_STATE
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner

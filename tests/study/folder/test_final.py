@@ -16,8 +16,7 @@ from helpers.studies import TRACED, golden, larger, run, verify
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
-from fastcoil.loops import netcdf, stored_file
-from fastcoil.loops import stored_file as trial
+from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
 from fastcoil.study.folder import result_files as final
 from fastcoil.study.folder.manifest import Manifest
@@ -75,7 +74,6 @@ def test_a_sound_file_that_cannot_be_opened_is_not_called_damaged(copied, monkey
         raise error
 
     monkeypatch.setattr(netcdf, "parse", refuse)
-    monkeypatch.setattr(stored_file, "parse", refuse)
     said = "cannot be read: .*; its bytes are as they were written"
     for read in (lambda: fc.open_study(copied), ds["T_sup"].load, lambda: final.find_variable_problems(ds, copied)):
         with pytest.raises(StorageError, match=said) as refused:
@@ -92,8 +90,8 @@ def test_results_for_which_there_is_no_memory_are_not_called_damaged(copied, mon
     def refuse(*_):
         raise MemoryError
 
-    monkeypatch.setattr(stored_file, "load", refuse)
-    monkeypatch.setattr(stored_file, "parse", refuse)
+    monkeypatch.setattr(netcdf, "load", refuse)
+    monkeypatch.setattr(netcdf, "parse", refuse)
     for read in (lambda: fc.open_study(copied), lambda: final.find_variable_problems(ds, copied)):
         with pytest.raises(StorageError, match="the memory ran out"):
             read()
@@ -114,9 +112,9 @@ def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(c
 
 
 def test_traces_are_hashed_once_in_a_process_and_not_before_they_are_read(finished, monkeypatch):
-    hashed, sha256_of = [], stored_file._sha256_of.__wrapped__
+    hashed, sha256_of = [], netcdf._sha256_of.__wrapped__
     counted = lambda path, identity: hashed.append(path.name) or sha256_of(path, identity)  # noqa: E731
-    monkeypatch.setattr(stored_file, "_sha256_of", functools.lru_cache(counted))
+    monkeypatch.setattr(netcdf, "_sha256_of", functools.lru_cache(counted))
     ds = fc.open_study(finished)
     assert hashed == ["results.nc"]
     for k in range(3):
@@ -208,9 +206,9 @@ def test_results_whose_run_json_was_lost_are_tried_and_the_next_run_records_thei
 def test_a_file_that_nobody_knows_and_that_hangs_the_library_is_refused_in_time(copied, monkeypatch):
     endless = copied / "endless.py"
     endless.write_text("while True: pass")
-    monkeypatch.setattr(trial, "_SECONDS", 1)
-    monkeypatch.setattr(trial, "_passed", set())
-    monkeypatch.setattr(trial, "_READER", endless)
+    monkeypatch.setattr(netcdf, "_SECONDS", 1)
+    monkeypatch.setattr(netcdf, "_passed", set())
+    monkeypatch.setattr(netcdf, "_READER", endless)
     with pytest.raises(IntegrityError, match=r"results\.nc is damaged: reading it did not end in 1 s; delete it"):
         final.open_final(copied, None)
 
@@ -226,12 +224,12 @@ def test_a_child_that_crashes_or_finds_no_netcdf_is_reported_in_a_sentence(tmp_p
     path = tmp_path / "results.nc"
     path.write_bytes(b"CDF\1 and what follows is none")
     with pytest.raises(IntegrityError, match=r"cannot be read as NetCDF \(.*\); throw it away"):
-        trial.try_reading(path, "throw it away")
+        netcdf.try_reading(path, "throw it away")
     crash = tmp_path / "crash.py"
     crash.write_text("import os; os.kill(os.getpid(), 11)")
-    monkeypatch.setattr(trial, "_READER", crash)
+    monkeypatch.setattr(netcdf, "_READER", crash)
     with pytest.raises(IntegrityError, match="the library ended with signal 11"):
-        trial.try_reading(path, "throw it away")
+        netcdf.try_reading(path, "throw it away")
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])

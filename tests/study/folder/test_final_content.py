@@ -10,7 +10,7 @@ from helpers.studies import PLAIN, copied, golden
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
-from fastcoil.loops import netcdf, stored_file
+from fastcoil.loops import netcdf
 from fastcoil.loops.provenance import combined_sha256
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study.folder.manifest import Manifest
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.kernel
 
 def opened(folder):
     """Open results whose bytes are as they were written, whatever they say."""
-    hashes = {"results.nc": [stored_file.file_sha256(folder / "results.nc")]}
+    hashes = {"results.nc": [netcdf.file_sha256(folder / "results.nc")]}
     return open_final(folder, Manifest("", "", "", "", outputs=hashes))
 
 
@@ -132,6 +132,6 @@ def test_traces_of_another_form_than_the_results_say_are_refused_when_they_are_r
             trace_file="traces-x.nc", trace_layout=json.dumps(layout), trace_sha256="{}"
         )
         forge(results, tmp_path / "results.nc")
-        hashes = {name: [stored_file.file_sha256(tmp_path / name)] for name in ("results.nc", "traces-x.nc")}
+        hashes = {name: [netcdf.file_sha256(tmp_path / name)] for name in ("results.nc", "traces-x.nc")}
         with pytest.raises(IntegrityError, match=r"traces-x\.nc holds no such T_"):
             open_final(tmp_path, Manifest("", "", "", "", outputs=hashes)).load()

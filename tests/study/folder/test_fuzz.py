@@ -14,8 +14,7 @@ from helpers.studies import DAYS, TRACED, golden, run, run_until_interrupted
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.loops import stored_file
-from fastcoil.loops import stored_file as trial
+from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
 from fastcoil.study.folder import manifest
 
@@ -65,8 +64,8 @@ def outcome(what):
 
 def forget():
     """What this process knows of files: they are written faster than the clock of the file system runs."""
-    stored_file._sha256_of.cache_clear()
-    trial._passed.clear()
+    netcdf._sha256_of.cache_clear()
+    netcdf._passed.clear()
 
 
 def ordeal(originals, out, kind, seed):
@@ -111,7 +110,7 @@ def test_damage_gives_the_right_numbers_or_a_sentence(originals, out, kind, time
 
 
 def test_damage_without_recorded_hashes_gives_the_right_numbers_or_a_sentence(originals, out, monkeypatch):
-    monkeypatch.setattr(trial, "_SECONDS", 5)
+    monkeypatch.setattr(netcdf, "_SECONDS", 5)
     ordeals(originals, out, "without run.json", range(2))
 
 
@@ -123,5 +122,5 @@ def test_very_much_damage(originals, out, kind, times):
 
 @pytest.mark.full
 def test_very_much_damage_without_recorded_hashes(originals, out, monkeypatch):
-    monkeypatch.setattr(trial, "_SECONDS", 5)
+    monkeypatch.setattr(netcdf, "_SECONDS", 5)
     ordeals(originals, out, "without run.json", range(2, 100))

@@ -206,7 +206,7 @@ def test_shards_that_span_days_go_on_where_shards_of_a_day_ended(out, text, monk
 def elsewhere(monkeypatch):
     """Another processor."""
     here = compiled_for()
-    monkeypatch.setattr("fastcoil.loops.running.compiled_for", lambda: here | {"cpu": "another"})
+    monkeypatch.setattr("fastcoil.loops.simulate.compiled_for", lambda: here | {"cpu": "another"})
     return [here, here | {"cpu": "another"}]
 
 
@@ -225,7 +225,7 @@ def test_a_run_that_is_resumed_on_another_processor_says_so(broken_off, elsewher
 
 def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr("fastcoil.loops.running.compiled_for", compiled_for)
+        patch.setattr("fastcoil.loops.simulate.compiled_for", compiled_for)
         run(PLAIN, out)
     (out / "run.json").unlink()  # the results know it, too
     (warned,) = resume(out, larger(PLAIN), extend=True)

@@ -16,7 +16,7 @@ from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, larger, resum
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError
 from fastcoil.cli.main import main
-from fastcoil.loops import stored_file
+from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
 from fastcoil.study.folder.results import open_study
 from fastcoil.study.folder.shards import Shards
@@ -160,7 +160,7 @@ def test_results_that_cannot_be_read_are_no_damage(out, monkeypatch):
             raise OSError(errno.EACCES, os.strerror(errno.EACCES))
         return plain(path, *rest, **options)
 
-    monkeypatch.setattr(stored_file, "open", closed, raising=False)
+    monkeypatch.setattr(netcdf, "open", closed, raising=False)
     done = CliRunner().invoke(main, ["verify", str(out)])
     assert done.exit_code == 4, done.output
     assert "cannot be read: Permission denied; check its permissions" in done.output

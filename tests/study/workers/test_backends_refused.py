@@ -14,7 +14,7 @@ from helpers.processes import STUDY, cluster, wait_for
 
 from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
-from fastcoil.loops.shards import Shard
+from fastcoil.loops.plan import Shard
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.workers import pools as dask_cluster
 from fastcoil.study.workers import pools as dask_connection

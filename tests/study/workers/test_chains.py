@@ -10,7 +10,7 @@ from helpers.dying_pool import Pool, found
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastcoil.loops.shards import Stretch
+from fastcoil.loops.plan import Stretch
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 
 pytestmark = pytest.mark.timeout(60)

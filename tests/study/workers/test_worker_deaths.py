@@ -21,7 +21,7 @@ from joblib.externals.loky.backend import resource_tracker
 import fastcoil as fc
 from fastcoil.base.errors import FastcoilError, InputError
 from fastcoil.cli.main import main
-from fastcoil.loops.shards import Shard
+from fastcoil.loops.plan import Shard
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.shards import SHARDS
