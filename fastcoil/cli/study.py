@@ -107,7 +107,8 @@ def plan(study: Path, jobs: int | None) -> None:
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     n_shards = count_shards(first_shards(planned, n_jobs))
-    say(f"Steps:       {planned.n_steps:,} s each, {planned.lane_steps:,} in total, {n_shards} shards")
+    n_steps = planned.n_scenarios * planned.n_steps
+    say(f"Steps:       {planned.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
     say(f"Boundary:    {planned.layout.boundary.describe()}")
     threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''}"
     say(f"Time:        about {duration(seconds)} on {threads} without figures (measured on blocks of this study)")

@@ -124,8 +124,9 @@ class Plan:
         return int(np.max(self.layout.loop["n_volumes"]))  # type: ignore[arg-type]
 
     @property
-    def lane_steps(self) -> int:
-        return self.n_scenarios * self.n_steps
+    def n_a_day(self) -> int:
+        """Number of scenarios of a day."""
+        return self.n_scenarios // len(self.days)
 
     @property
     def carry_over(self) -> bool:
@@ -165,9 +166,8 @@ class Plan:
         of_shard = of_scenario * self._largest_shard(n_jobs)
         each = 2 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
         if backend in _OF_PROCESS:
-            each += (
-                _OF_PROCESS[backend] + of_shard + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
-            )
+            each += _OF_PROCESS[backend] + of_shard
+            each += 0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes
         largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
         alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
         return alone, each
@@ -183,7 +183,9 @@ class Plan:
         scenario is a block too.  Returns flat indices, ascending.
         """
         todo = np.arange(self.n_scenarios) if todo is None else todo
-        edges = self._block_edges(todo)
+        day = todo // self.n_a_day
+        in_day = np.arange(todo.size) - np.searchsorted(day, day)
+        edges = np.append(np.flatnonzero(in_day % LANES == 0), todo.size)  # where a block starts, and the end
         most_blocks, most_scenarios = self.shard_limits(n_jobs, edges.size - 1)
         shards, first = [], 0
         while first < edges.size - 1:
@@ -213,18 +215,12 @@ class Plan:
 
     def _largest_shard(self, n_jobs: int) -> int:
         """Number of scenarios."""
-        n_blocks = -(-self.n_scenarios // len(self.days) // LANES)
+        n_blocks = -(-self.n_a_day // LANES)
         if self.carry_over:
             lanes, days = self.chain_limits(n_jobs, n_blocks)
             return min(lanes * days, self.n_scenarios)
         blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * n_blocks)
         return min(blocks * LANES, scenarios, self.n_scenarios)
-
-    def _block_edges(self, todo: np.ndarray) -> np.ndarray:
-        """Where in ``todo`` a block of LANES scenarios of a day starts, and the end of ``todo``."""
-        day = todo // (self.n_scenarios // len(self.days))
-        in_day = np.arange(todo.size) - np.searchsorted(day, day)
-        return np.append(np.flatnonzero(in_day % LANES == 0), todo.size)
 
 
 def plan_simulation(
@@ -291,13 +287,11 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
 
 def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
     """Lists of values that are as long as the boundary: most likely series, and not sweeps."""
-    if boundary.n_steps < SHORTEST_SERIES:
-        return []
     return [
         f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}; "
         f'to sweep it, name the dimension: {name}=("sample", values)'
         for name, value in loop.swept.items()
-        if value.dims == (name,) and value.size == boundary.n_steps
+        if value.dims == (name,) and value.size == boundary.n_steps >= SHORTEST_SERIES
     ]
 
 
@@ -438,23 +432,15 @@ def unpack(packed: bytes) -> np.ndarray:
 
 
 class Reached:
-    """How far the chains of a sequence have been run, and the states that they ended in.
+    """How far the chains of a sequence have been run, and the states that they ended in; at first, nothing has been."""
 
-    of: number of scenarios of a day.
-    """
-
-    def __init__(self, of: int) -> None:
-        self._of = of
-        self._through = np.zeros(of, dtype=np.int64)
-        self.day = np.zeros(of, dtype=np.int64)
+    def __init__(self, plan: Plan) -> None:
+        self._of = plan.n_a_day
+        self._through = np.zeros(self._of, dtype=np.int64)
+        self.day = np.zeros(self._of, dtype=np.int64)
         """Of each lane the last day, plus 1, at whose end its state is known."""
         self.states: dict[int, np.ndarray] = {}
         """State of a lane there."""
-
-    @classmethod
-    def of(cls, plan: Plan) -> Reached:
-        """Nothing has been run of a plan."""
-        return cls(plan.n_scenarios // len(plan.days))
 
     def take(self, part: xr.Dataset) -> None:
         """Note the results of a stretch; those of earlier days come first."""
@@ -481,17 +467,15 @@ def first_shards(
     """
     if not plan.carry_over:
         return [Shard(index) for index in plan.shards(n_jobs, todo)]
-    of = plan.n_scenarios // len(plan.days)
-    if todo is None:
-        chains = [(0, len(plan.days), np.arange(of))]
-    else:
-        chains = _chains(todo, of, np.zeros(of, dtype=np.int64) if reached is None else reached.day)
+    of, reached = plan.n_a_day, reached or Reached(plan)
+    chains = _chains(np.arange(plan.n_scenarios) if todo is None else todo, of, reached.day)
     most, days = plan.chain_limits(n_jobs, sum(-(-lanes.size // LANES) for *_, lanes in chains))
     found: list[Shard | Stretch] = []
     for first, end, lanes in chains:
-        n_groups = -(-lanes.size // most)
-        for group in np.split(lanes, _edges(lanes.size, n_groups)):
-            begins = None if first == 0 or reached is None else _stacked([reached.states[k] for k in group.tolist()])
+        n_blocks, n_groups = -(-lanes.size // LANES), -(-lanes.size // most)
+        edges = np.arange(1, n_groups) * n_blocks // n_groups * LANES  # whole blocks, about equal
+        for group in np.split(lanes, edges):
+            begins = None if first == 0 else _stacked([reached.states[k] for k in group.tolist()])
             found.append(Stretch.starting(first, group, of, end, days, begins))
     return found
 
@@ -503,12 +487,6 @@ def _chains(todo: np.ndarray, of: int, reached: np.ndarray) -> list[tuple[int, i
     lanes = np.flatnonzero(end)
     ways, way_of = np.unique(np.stack([reached[lanes], end[lanes]]), axis=1, return_inverse=True)
     return [(int(first), int(last), lanes[way_of.ravel() == k]) for k, (first, last) in enumerate(ways.T)]
-
-
-def _edges(n: int, n_groups: int) -> np.ndarray:
-    """Where ``n`` lanes are cut into groups of whole blocks, about equal."""
-    n_blocks = -(-n // LANES)
-    return np.arange(1, n_groups) * n_blocks // n_groups * LANES
 
 
 def _stacked(states: list[np.ndarray]) -> np.ndarray:

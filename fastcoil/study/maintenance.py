@@ -139,7 +139,7 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
     """The flat results of one scenario; of a sequence of days the days before are run first, without traces."""
     if not plan.carry_over:
         return run_shard(plan, Shard(np.array([flat])))
-    of = plan.n_scenarios // len(plan.days)
+    of = plan.n_a_day
     day, lane = divmod(flat, of)
     first = Stretch.starting(0, np.array([lane]), of, day + 1, max(1, day))
     last = first.after(run_shard(replace(plan, traces=TraceRequest()), first)) if day else first

@@ -253,7 +253,7 @@ class Computed:
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.match.new] = True
         environments = environments_of(self.earlier) if self.earlier is not None and self.match.new.size else []
-        reached = Reached.of(self.study.plan)
+        reached = Reached(self.study.plan)
         for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
             index = part["scenario"].values
             done[index[index < done.size]] = True  # what is beyond is reported when the parts are joined
