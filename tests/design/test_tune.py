@@ -126,12 +126,13 @@ def test_neither_threads_nor_how_many_run_at_once_decide_anything(loop, days, fo
 
 def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, days, tmp_path):
     tuned = fc.tune(
-        loop, days, search={"ti": (5, 200)}, limits={"rmse": 1e-3}, evaluations=8, n_jobs=1, **HOW
+        loop, days, search={"kp": (0.5, 2.0)}, limits={"rmse": 1e-3}, evaluations=8, n_jobs=1, **HOW
     )  # fmt: skip
     assert not tuned.meets_limits
     assert "No tuning keeps the limits" in tuned.summary()[0]
     assert any(note.startswith("No tuning in these ranges") for note in tuned.notes)
     assert any(note.startswith("The hold-out breaks a limit") for note in tuned.notes)
+    assert any("lies at the lower end of its range: the best may lie beyond" in note for note in tuned.notes)
     tuned.to_toml(tmp_path / "tuning.toml")
     assert read_includes({"include": ["tuning.toml"]}, tmp_path) == {}
 

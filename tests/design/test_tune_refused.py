@@ -52,7 +52,8 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
     for axis in (wide, narrow, from_0, whole):
         assert axis.values(np.array([0.0, 1.0])).tolist() == [axis.low, axis.high]
         assert axis.share(float(axis.values(middle)[0])) == pytest.approx(0.5, abs=0.01)
-        assert (axis.end(axis.low), axis.end(axis.high)) == ("" if axis is from_0 else "lower", "upper") or whole
+        lower = "" if axis in (from_0, whole) else "lower"  # no parameter of these two may be lower
+        assert (axis.end(axis.low), axis.end(axis.high)) == (lower, "upper")
     assert wide.values(np.array([0.12345]))[0] == float(f"{0.01 * 100**0.12345:.4g}"), "what is quoted is what is tried"
 
 
