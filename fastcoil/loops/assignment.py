@@ -122,7 +122,7 @@ def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
     fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
     if parameter.whole:
         fine &= flat == np.floor(flat)
-    return [v for v in flat[~fine].tolist()]
+    return list(flat[~fine].tolist())
 
 
 def _check_dim(name: str, dim: Hashable, ndim: int) -> None:

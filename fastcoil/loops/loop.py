@@ -268,7 +268,7 @@ def _differing(loop: Loop, preset: Preset) -> list[str]:
     return [*loop.swept, *preset.changed(constants, loop.parameters)]
 
 
-def _in_words(value: Scalar | xr.DataArray, unit: str = "") -> str:
+def _in_words(value: xr.DataArray) -> str:
     """A few values one by one; of many the range, and the median unless they rise along an axis."""
     flat = np.ravel(value)
     if flat.size <= _LISTED or flat.dtype.kind not in "iuf":
@@ -278,4 +278,4 @@ def _in_words(value: Scalar | xr.DataArray, unit: str = "") -> str:
         text = f"{flat.min():.4g} to {flat.max():.4g}"
         if not (np.diff(flat) > 0.0).all():
             text += f", median {np.median(flat):.4g}"
-    return f"{text} {unit}".rstrip()
+    return text

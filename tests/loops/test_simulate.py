@@ -3,8 +3,6 @@
 import json
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -174,10 +172,3 @@ def test_adding_sweep_values_changes_no_scenario(days):
 def test_a_controller_gone_nan_is_flagged(short):
     ds = fc.simulate(fc.Loop(ti=1e-320, sensor_resolution=0.5), short, traces=["u"], warm_up=60)
     assert int(ds.status) != 0
-
-
-def test_fc_simulate_stays_a_function():
-    code = "import fastcoil as fc; fc.open_study; print(callable(fc.simulate))"
-    command = [sys.executable, "-c", code]
-    found = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ)
-    assert found.stdout.strip() == "True"
