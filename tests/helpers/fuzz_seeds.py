@@ -21,7 +21,6 @@ seed = 7
 replicates = 2
 warm_up = 600
 traces = ["T_sup", "command"]
-trace_interval = 60
 [boundary]
 kind = "paper_day"
 hours = 1
@@ -41,10 +40,8 @@ sample_time = { choice = [5, 10, 30] }
 [boundary]
 kind = "design_day"
 hours = 1.0
-mode = "cooling"
 start_hour = 9
 T_design = 33.0
-T_set = 13.0
 """,
     """[loop]
 rangeability = 40
@@ -62,7 +59,6 @@ hours = 0.6
 max_gap = 600
 units = { T_set = "degC" }
 columns = { T_set = "T_set" }
-constants = { enabled = 1 }
 """,
     """[loop]
 [sweep]
@@ -118,4 +114,10 @@ CELLS = (
     "1_0", "0x10", "1,234", "1.234,5", "5.12 V", "47 %", "{fault}", "3 {down}", "On", "13/07/2024 8:05 PM",
     "07/13/2024", "1-Jul-24 08:05:00 AM PDT", "45474.5", "1719820800", "1719820800000", "31.02.2024", "24:00",
     "12,5", "---",
+)  # fmt: skip
+LINES = (
+    *("a." * n + "b = 1" for n in (3, 30, 20_000)), "[" + "a." * 20_000 + "b]", '"q".' * 5000 + "b = 1",
+    "\n".join(f"x{i} = 1" for i in range(5000)), "\n".join(f"[cases.d{i}.c]\nkp = 1" for i in range(500)),
+    "k" * 100_000 + " = 1", '"""' + '\\"""' * 20_000, '"' + '\\"' * 20_000, "'''" * 20_001, '"\\u0000" = 1', "[[loop]]",
+    "[[cases.tuning]]", "[run]\nreduce = 'nobody:f'", "[loop]",
 )  # fmt: skip

@@ -89,7 +89,7 @@ def test_every_figure_is_shown_once(executed):
 def test_loops_days_and_explanations_show_themselves(executed):
     ends = {source.splitlines()[-1]: kinds(outputs) for cells in executed.values() for source, outputs in cells}
     for last in ("loop", "day", "sweep", "fc.explain(fc.Loop(), day)"):
-        assert {"text/html", "text/plain"} <= ends[last], last
+        assert "text/plain" in ends[last], last
 
 
 def test_nothing_is_warned_of(executed):
