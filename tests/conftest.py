@@ -13,6 +13,8 @@ import reference
 from filelock import FileLock
 from hypothesis import settings
 
+import fastcoil as fc
+
 # a failed assertion tells in them what it found, as it does in a test
 pytest.register_assert_rewrite(
     "helpers.commands", "helpers.dying_pool", "helpers.studies", "helpers.processes", "helpers.refusals"
@@ -99,24 +101,18 @@ def _one_at_a_time(request, tmp_path_factory):
 @pytest.fixture(scope="session")
 def hour():
     """One hour of the paper's kind of day: one set-point change, coil partly wet."""
-    import fastcoil as fc
-
     return fc.paper_day(hours=1, seed=1)
 
 
 @pytest.fixture(scope="session")
 def working_day():
     """Eight hours of the paper's kind of day."""
-    import fastcoil as fc
-
     return fc.paper_day(hours=8, seed=1)
 
 
 @pytest.fixture(scope="session")
 def short():
     """Half an hour of the paper's kind of day."""
-    import fastcoil as fc
-
     return fc.paper_day(hours=0.5, seed=1)
 
 
@@ -164,8 +160,6 @@ def psychrolib():
 @pytest.fixture(scope="session")
 def days():
     """Two quarters of an hour."""
-    import fastcoil as fc
-
     return fc.paper_day(hours=0.25, seed=[4, 1])
 
 
@@ -178,8 +172,6 @@ def sweep():
 @pytest.fixture(scope="session")
 def swept(days, sweep):
     """A result with dims of every kind."""
-    import fastcoil as fc
-
     loop = fc.Loop(**sweep, noise_std=0.02, n_volumes=[4, 8])
     names = ["T_sup", "mode", "T_c"]
     return fc.simulate(loop, days, traces=names, trace_interval=50, warm_up=100, replicates=2, seed=7)
@@ -189,8 +181,6 @@ def swept(days, sweep):
 def refused():
     """Return a function that gives the sentences with which ``simulate`` refuses its arguments."""
     from helpers.refusals import problems
-
-    import fastcoil as fc
 
     return partial(problems, fc.simulate)
 
@@ -245,8 +235,6 @@ def study(small_study):
 @pytest.fixture(scope="session")
 def healthy(small_study, tmp_path_factory):
     """The results of that study, when nothing happens to a worker."""
-    import fastcoil as fc
-
     return fc.run_study(small_study, tmp_path_factory.mktemp("healthy") / "out", n_jobs=1).load()
 
 

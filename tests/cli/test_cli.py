@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
+import fastcoil as fc
 from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
@@ -33,7 +34,6 @@ def test_run_writes_results_and_figures_and_says_where(fastcoil, tmp_path):
 
 
 def test_the_summary_names_the_backend(fastcoil):
-    import fastcoil as fc
     from fastcoil.study.analysis.summary import summary
 
     assert " s on 2 threads: " in fastcoil("run", "small.toml", "--no-figures", "-j", "2").output
@@ -42,7 +42,6 @@ def test_the_summary_names_the_backend(fastcoil):
 
 
 def test_the_summary_of_a_resumed_run_does_not_time_what_an_earlier_one_did(fastcoil):
-    import fastcoil as fc
     from fastcoil.study.analysis.summary import summary
 
     fastcoil("run", "small.toml", "--no-figures")

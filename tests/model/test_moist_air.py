@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fastcoil.model import moist_air
-from fastcoil.model import physics as psychrometrics
 
 PRESSURES = (101325.0, 98934.0, 70e3)
 ABOVE_FREEZING = np.linspace(0.02, 50.0, 60)
@@ -19,12 +18,6 @@ def test_saturation_is_hyland_wexlers_over_ice_below_the_triple_point_and_over_w
     np.testing.assert_allclose(moist_air.saturation_pressure(T), each(psychrolib.GetSatVapPres, T), rtol=1e-12)
     W_s = each(lambda t: psychrolib.GetSatHumRatio(t, 98e3), T)
     np.testing.assert_allclose(moist_air.saturation_humidity_ratio(T, 98e3), W_s, rtol=1e-10)
-
-
-def test_host_and_kernel_have_the_same_saturation():
-    T = np.linspace(-20.0, 60.0, 1601)
-    kernel = each(lambda t: psychrometrics.saturation_humidity_ratio(t, 90e3), T)
-    np.testing.assert_allclose(moist_air.saturation_humidity_ratio(T, 90e3), kernel, rtol=1e-9)
 
 
 def test_humidity_in_frost_is_by_convention_over_supercooled_water():

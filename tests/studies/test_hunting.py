@@ -102,14 +102,6 @@ def test_one_step_a_valve_is_the_first_that_it_can_hold_and_no_longer_counts(loo
                     assert float(one.kp[i, d]) == float(loops.kp[i, d])
 
 
-def test_a_misread_step_is_wrong_by_a_fifth_in_each_number_alone(loops):
-    wrong = hunting_loops.misread(loops)
-    errors = [np.log(wrong[name] / loops[name]).values.ravel() for name in hunting_loops.MODEL]
-    assert [float(e.std()) for e in errors] == pytest.approx([0.2] * 3, rel=0.1)
-    assert abs(np.corrcoef(errors)[np.triu_indices(3, 1)]).max() < 0.1
-    np.testing.assert_array_equal(wrong.kp, loops.kp)
-
-
 def test_only_a_swing_that_lasts_is_a_cycle():
     t = np.arange(0.0, 28800.0, hunting_backlash.SEEN)
     signals = {

@@ -45,18 +45,6 @@ def test_population_writes_what_plain_python_finds(small, written, monkeypatch):
     assert len(indices) == 11
 
 
-def test_the_interval_of_a_share_covers_other_valves_and_days_as_often_as_it_says():
-    """Whether a valve is right depends on the valve and on the day."""
-    rng = np.random.default_rng(2)
-    covered = []
-    for _ in range(300):
-        chance = 0.5 + 0.15 * rng.standard_normal((200, 1)) + 0.1 * rng.standard_normal((1, 6))
-        holds = xr.DataArray(rng.random((200, 6)) < chance, dims=("sample", "day"))
-        _, low, high = (float(x) for x in re.findall(r"\d+", population.share(holds)))
-        covered.append(low <= 50 <= high)
-    assert 0.92 <= np.mean(covered) <= 1.0
-
-
 def test_the_interval_of_a_share_is_that_of_compare():
     holds = xr.DataArray(np.random.default_rng(4).random((40, 3)) < [0.3, 0.5, 0.45], dims=("sample", "day"))
     ds = xr.Dataset({"rmse": xr.concat([0.0 * holds, 1.0 * holds], "controller"), "status": 0 * holds})

@@ -19,16 +19,6 @@ from studies.wear.runs import Run
 NAMES = list(wear_runs.controllers())
 
 
-def test_every_controller_has_a_name_and_the_known_size_is_that_of_the_first_day():
-    assert set(NAMES) == set(wear.LABELS)
-    assert NAMES[0] == wear_runs.PI
-    known, found = wear_runs.controllers()[wear_runs.KNOWN], wear_runs.controllers()["identify"]
-    assert known["estimate_ratio"] == found["estimate_share"]
-    assert {name for name in known if name.startswith("buffer")} == {
-        name for name in found if name.startswith("buffer")
-    }
-
-
 def test_every_kind_of_days_has_valves_with_wear_and_good_ones_and_names_differ(monkeypatch):
     monkeypatch.setattr(wear_runs, "kinds_here", lambda: (STEPPED, CONSTANT, wear_runs.MONTHLY))
     found = wear_runs.sequences(7)

@@ -6,6 +6,7 @@ import reference
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fastcoil as fc
 from fastcoil.model.control import clipped, desired_opening, integrated
 
 ERRORS = st.lists(st.floats(-20.0, 20.0), min_size=1, max_size=50)
@@ -50,8 +51,6 @@ def test_clipped():
 @pytest.mark.kernel
 @pytest.mark.parametrize("sample_time", [1.0, 30.0])
 def test_inverse_with_estimate_0_is_the_plain_pi_to_the_bit(short, sample_time):
-    import fastcoil as fc
-
     loop = fc.Loop(backlash_estimate=0.0, buffer=0.0, sample_time=sample_time, kp=0.02, ti=20.0)
     names = ["command", "position", "opening", "T_sup", "T_w", "power"]
     closed = fc.simulate(loop, short, traces=["u", *names], warm_up=60)
@@ -66,8 +65,6 @@ def test_inverse_with_estimate_0_is_the_plain_pi_to_the_bit(short, sample_time):
 @pytest.mark.kernel
 @pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_heating_mirrors_the_sign_of_the_error(short):
-    import fastcoil as fc
-
     cooling = fc.simulate(fc.Loop(), short, traces=["u", "T_measured"], warm_up=60)
     heating = fc.simulate(fc.Loop(action="heating"), short, traces=["u", "T_measured"], warm_up=60)
     first = float(cooling.T_measured[0]) - float(short.series["T_set"][0, 0])

@@ -62,12 +62,6 @@ def test_loops_that_hunt_and_loops_that_noise_and_disturbance_shake():
 
 
 @pytest.mark.kernel
-def test_a_loop_that_rings_without_backlash_hunts_too():
-    ds = fc.simulate(fc.Loop(kp=0.3, backlash=0.0), fc.constant_day(hours=8))
-    assert float(ds.hunts) == 1.0
-
-
-@pytest.mark.kernel
 def test_no_period_reaches_across_a_set_point_step():
     """With a step every 15 min only 5 min are settled: a period of 400 s is never seen whole, one of 100 s is."""
     seconds, T = np.arange(8 * 3600), still()

@@ -1,10 +1,9 @@
 """Which second of a day counts towards which metric."""
 
 import numpy as np
-import pytest
 
 from fastcoil.model.engine import metrics
-from fastcoil.model.engine.metrics import schedule, whole_blocks
+from fastcoil.model.engine.metrics import schedule
 
 
 def seconds_with(found, flag):
@@ -35,11 +34,3 @@ def test_estimate_window_is_the_last_two_hours():
     found = schedule(np.full(9000, 14.0), np.ones(9000), 100)
     assert seconds_with(found, metrics.IN_ESTIMATE_WINDOW) == list(range(1800, 9000))
     assert found.n_estimate == 7200
-
-
-@pytest.mark.parametrize(
-    ("n", "warm_up", "expected"), [(99, 50, 0), (150, 50, 1), (151, 50, 1), (249, 50, 1), (250, 50, 2), (40, 50, 0)]
-)
-def test_whole_blocks_of_100_seconds(n, warm_up, expected):
-    inside = whole_blocks(np.ones(n, bool), warm_up, 100)
-    np.testing.assert_array_equal(np.flatnonzero(inside), np.arange(warm_up, warm_up + 100 * expected))

@@ -7,8 +7,6 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.model.estimators import identify
-from fastcoil.model.estimators import identify as identify_equations
-from fastcoil.model.estimators import identify as identify_verdict
 from fastcoil.model.estimators.identify import (
     CANDIDATES,
     DRIVEN,
@@ -32,10 +30,9 @@ ACTING = {"estimator": "identify", "estimate_share": 0.95, "buffer": 0.0025}
 @pytest.fixture
 def interpreted(monkeypatch):
     """The formulas in plain Python: compiling each for a call from a test would take longer than all the tests."""
-    for module in (identify, identify_equations, identify_verdict):
-        for name, function in vars(module).items():
-            if hasattr(function, "py_func"):
-                monkeypatch.setattr(module, name, {"exp": math.exp, "log": math.log}.get(name, function.py_func))
+    for name, function in vars(identify).copy().items():
+        if hasattr(function, "py_func"):
+            monkeypatch.setattr(identify, name, {"exp": math.exp, "log": math.log}.get(name, function.py_func))
 
 
 def with_probabilities(**of_sizes):
@@ -44,7 +41,7 @@ def with_probabilities(**of_sizes):
     for at in (PROBABILITY, EARLIER):
         w[at : at + N] = -1e4
         for number, probability in of_sizes.items():
-            w[at + int(number[1:])] = np.log(probability) / identify_verdict.WEIGHT
+            w[at + int(number[1:])] = np.log(probability) / identify.WEIGHT
     return w
 
 
@@ -68,13 +65,13 @@ def test_the_evidence_is_that_of_a_linear_model_with_a_normal_prior():
     own, motor, moves = rng.normal(size=rows + OWN + 1), rng.normal(size=rows), 0.1 * rng.normal(size=(rows, DRIVEN, N))
     w = np.zeros(WORDS)
     for k in range(rows + OWN):
-        identify_equations.remember_change(w, own[k], motor[k - OWN])
+        identify.remember_change(w, own[k], motor[k - OWN])
         if k >= OWN:
-            w[identify_equations.MOVES : identify_equations.MOVES + DRIVEN * N] = moves[k - OWN].ravel()
-            identify_equations.add_row(w, decay)
+            w[identify.MOVES : identify.MOVES + DRIVEN * N] = moves[k - OWN].ravel()
+            identify.add_row(w, decay)
     root = np.sqrt(decay ** np.arange(rows - 1, -1, -1.0))[:, np.newaxis]
     counted = float(np.sum(root**2))
-    assert identify_equations.compare(w, counted)
+    assert identify.compare(w, counted)
     before = [*(own[OWN - i : OWN - i + rows] for i in range(1, OWN + 1)), np.ones(rows)]
     for at, columns, first in ((PROBABILITY, before, 0), (EARLIER, [*before, motor], 1)):
         Z, freedom = root * np.stack(columns, axis=1), counted - len(columns)
@@ -93,9 +90,9 @@ def test_the_evidence_is_that_of_a_linear_model_with_a_normal_prior():
 def test_a_temperature_that_stands_still_explains_nothing():
     w = np.zeros(WORDS)
     for _ in range(100):
-        identify_equations.remember_change(w, 0.0, 0.0)
-        identify_equations.add_row(w, 1.0)
-    assert not identify_equations.compare(w, 100.0)
+        identify.remember_change(w, 0.0, 0.0)
+        identify.add_row(w, 1.0)
+    assert not identify.compare(w, 100.0)
 
 
 @INTERPRETED
@@ -114,9 +111,7 @@ def test_a_temperature_that_stands_still_explains_nothing():
     ids=["sure", "unsure", "perhaps good", "kept", "good", "too large", "too large, perhaps good", "perhaps not"],
 )
 def test_an_estimate_is_taken_over_if_it_is_right_and_given_up_if_it_is_too_large(probabilities, kept, expected):
-    assert identify_verdict.judged(with_probabilities(**probabilities), kept, 0.8, True) == pytest.approx(
-        expected, abs=1e-12
-    )
+    assert identify.judged(with_probabilities(**probabilities), kept, 0.8, True) == pytest.approx(expected, abs=1e-12)
 
 
 @INTERPRETED
@@ -124,7 +119,7 @@ def test_a_controller_that_answers_within_a_horizon_needs_earlier_openings_to_sa
     for answers, expected in ((True, 0.0), (False, 0.05)):
         w = with_probabilities(c10=1.0)
         w[EARLIER] = w[EARLIER + 10]
-        assert identify_verdict.judged(w, 0.0, 0.8, answers) == pytest.approx(expected, abs=1e-12)
+        assert identify.judged(w, 0.0, 0.8, answers) == pytest.approx(expected, abs=1e-12)
 
 
 @INTERPRETED
@@ -136,14 +131,6 @@ def test_the_mean_place_of_a_stem_is_that_of_its_path(stroke_time):
     path = np.maximum(position - 0.1, 0.4)
     expected = np.trapezoid(path, seconds) / 30.0
     assert identify.mean_place(0.4, 0.5, 0.2 * stroke_time, stroke_time, 30.0) == pytest.approx(expected, abs=1e-7)
-
-
-@INTERPRETED
-def test_a_horizon_is_half_a_minute_or_a_sample():
-    widths = {
-        ts: identify.start(Parameters(ts, 90.0, 86400.0, 600.0, 0.8)).width for ts in (1.0, 7.0, 20.0, 30.0, 300.0)
-    }
-    assert widths == {1.0: 30.0, 7.0: 4.0, 20.0: 2.0, 30.0: 1.0, 300.0: 1.0}
 
 
 @pytest.fixture(scope="module")

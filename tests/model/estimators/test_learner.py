@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import fastcoil as fc
 from fastcoil.model.estimators.learner import (
     ENOUGH,
     QUIET,
@@ -50,8 +51,6 @@ def test_updated_steps_within_start_and_cap(x_hat, down, expected):
 
 def learned(loop, day, **options):
     """Metrics, and the estimate at the first second of every interval."""
-    import fastcoil as fc
-
     loop = fc.Loop(**loop)
     ds = fc.simulate(loop, day, traces=["estimate", "mode"], **options)
     interval = int(loop["learning_interval"])
@@ -83,8 +82,6 @@ def test_paper_rule_hunts_for_ever_between_the_backlash_and_one_step_more(paper_
 
 @pytest.mark.kernel
 def test_a_quiet_loop_runs_upward_to_the_cap():
-    import fastcoil as fc
-
     quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_cap": 0.03}
     ds, stairs = learned(quiet, fc.constant_day(hours=2))
     settled = ds["mode"].values[1200:]
@@ -107,8 +104,6 @@ def test_the_floor_lets_the_estimate_rise_where_the_ratio_would_not(hour):
 
 @pytest.mark.kernel
 def test_after_a_first_interval_without_switches_any_switch_is_chatter(hour):
-    import fastcoil as fc
-
     series = {name: values[0] for name, values in hour.series.items()}
     late = fc.Boundary(**series | {"enabled": np.arange(3600) >= 600})
     _, stairs = learned(RESTLESS, late, warm_up=600)
@@ -142,8 +137,6 @@ def test_the_final_estimate_is_a_share_of_the_last_but_not_below_the_start():
 
 @pytest.mark.kernel
 def test_with_a_hold_a_quiet_loop_stays_where_it_is_and_says_so():
-    import fastcoil as fc
-
     quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_min_switches": 1.0}
     # switches on the way to the set point are over after ten minutes
     ds, stairs = learned(quiet, fc.constant_day(hours=2))
@@ -166,8 +159,6 @@ def test_noise_that_switches_at_nearly_every_sample_is_not_identifiable(hour):
 
 @pytest.mark.kernel
 def test_an_early_trip_does_not_wait_for_the_end_of_the_interval(working_day):
-    import fastcoil as fc
-
     slow = {"learning_step": 0.02, "backlash_estimate": 0.02, "learning_interval": 3600.0}
     late, early = (fc.simulate(fc.Loop(**slow, learning_early_trip=k), working_day) for k in (0, 1))
     assert float(late.learn_time_first_down) % 3600 == 0
@@ -179,8 +170,6 @@ def test_an_early_trip_does_not_wait_for_the_end_of_the_interval(working_day):
 
 @pytest.mark.kernel
 def test_a_growing_step_climbs_in_powers_of_two_and_then_halves(working_day):
-    import fastcoil as fc
-
     loop = {"learning_step": 0.005, "learning_interval": 600.0, "learning_growth": 2.0, "learning_shrink": 0.5}
     ds = fc.simulate(fc.Loop(**loop), working_day, traces=["estimate"], trace_interval=600)
     moves = np.diff(ds.estimate.values)
@@ -194,8 +183,6 @@ def test_a_growing_step_climbs_in_powers_of_two_and_then_halves(working_day):
 
 @pytest.mark.kernel
 def test_the_final_factor_acts_once_where_learning_stops(working_day):
-    import fastcoil as fc
-
     loop = fc.Loop(learning_step=STEP, backlash_estimate=STEP, learning_stop="first_step_down", learning_final=0.95)
     ds = fc.simulate(loop, working_day)
     assert float(ds.estimate_final) == 0.95 * float(ds.estimate_first_down)
@@ -204,8 +191,6 @@ def test_the_final_factor_acts_once_where_learning_stops(working_day):
 
 @pytest.mark.kernel
 def test_the_status_of_learning_has_cf_flags_and_is_off_without_it(hour):
-    import fastcoil as fc
-
     ds = fc.simulate(fc.Loop(), hour)
     assert ds.learning_status.attrs["flag_meanings"].split() == list(LEARNING_STATUS)
     assert ds.learning_status.attrs["flag_values"].tolist() == list(range(len(LEARNING_STATUS)))

@@ -6,7 +6,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from fastcoil.model.numerics.elementary import exp, log, polynomial, sincos_turns
+from fastcoil.model.numerics.elementary import exp, log, sincos_turns
 from fastcoil.model.numerics.jit import JIT_ENABLED
 
 # without the compiler fma rounds twice
@@ -123,14 +123,3 @@ def test_monotone(function, arguments):
     neighbours = arguments * (1 - 1e-9)
     values = [function(x) for x in np.unique([arguments, neighbours]).tolist()]
     assert np.all(np.diff(values) >= 0.0)
-
-
-def test_exp_of_log_is_identity():
-    x = np.logspace(-300, 300, 1009)
-    back = np.array([exp(log(v)) for v in x.tolist()])
-    assert np.all(np.abs(back / x - 1.0) <= 2.0**-52 * (1.1 + 1.5 * np.abs(np.log(x))))
-
-
-def test_polynomial_takes_the_highest_power_first():
-    assert polynomial(3.0, (2.0, -1.0, 5.0, 7.0)) == 2.0 * 27.0 - 9.0 + 15.0 + 7.0
-    assert polynomial(3.0, (1.0, 2.0, -1.0, 5.0, 7.0)) == 81.0 + 2.0 * 27.0 - 9.0 + 15.0 + 7.0

@@ -67,10 +67,6 @@ def filter_from(folder):
     return filtered[2]
 
 
-def test_a_sound_copy_is_loaded(compiled, folder):
-    assert all(loads(kernel, folder) for kernel in compiled)
-
-
 @pytest.mark.parametrize("n", [30, pytest.param(2000, marks=pytest.mark.full)])
 def test_no_kernel_with_a_flipped_bit_is_loaded(compiled, folder, n):
     dice = random.Random(n)

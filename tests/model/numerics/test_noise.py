@@ -7,6 +7,7 @@ import pytest
 import reference
 from scipy import stats
 
+import fastcoil as fc
 from fastcoil.model.numerics.jit import JIT_ENABLED
 from fastcoil.model.numerics.noise import normal_pair, philox, uniform
 
@@ -60,21 +61,10 @@ def test_distribution_is_normal():
     assert stats.kstest(normals(), "norm").pvalue > 0.001
 
 
-def test_successive_numbers_are_uncorrelated():
-    z = normals()
-    for lag in (1, 2, 3, 10):
-        assert abs(np.corrcoef(z[:-lag], z[lag:])[0, 1]) < 4 / math.sqrt(z.size)
-
-
 @pytest.mark.parametrize("stream", [{"channel": 1}, {"replicate": 1}, {"day": 1}, {"seed": 1}, {"seed": 2**32}])
 def test_neighbouring_streams_are_uncorrelated(stream):
     z, other = normals(), normals(**stream)
     assert abs(np.corrcoef(z, other)[0, 1]) < 4 / math.sqrt(z.size)
-
-
-def test_no_counter_gives_the_same_words_as_another():
-    counters = [(k, c, r, d) for k in range(8) for c in range(4) for r in range(4) for d in range(4)]
-    assert len({words(counter, (0, 0)) for counter in counters}) == len(counters)
 
 
 # What a scenario gets
@@ -86,8 +76,6 @@ def drawn(ds):
 
 
 def noisy(short, loop, **options):
-    import fastcoil as fc
-
     return fc.simulate(fc.Loop(**loop), short, traces=["T_sup", "T_measured"], warm_up=60, **options)
 
 
@@ -119,8 +107,6 @@ def test_replicates_and_seeds_differ(short):
 
 @pytest.mark.kernel
 def test_days_have_their_own_noise_by_label(short):
-    import fastcoil as fc
-
     rows = {name: np.repeat(values, 3, axis=0) for name, values in short.series.items()}
     days = fc.Boundary(**rows, day=[5, 2, 9])
     found = drawn(noisy(days, {"noise_std": 0.1, "sample_time": 1}))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import reference
 
+import fastcoil as fc
 from fastcoil.model.physics import (
     air_heat,
     condensed,
@@ -84,8 +85,6 @@ def test_dry_air_keeps_its_humidity_and_wet_air_gains_none():
 
 def open_loop(day, opening, **parameters):
     """All volumes over a day at a constant or given opening, no backlash."""
-    import fastcoil as fc
-
     command = np.broadcast_to(opening, day.n_steps)
     names = [*VOLUME_TRACES, "m_w", "T_sup", "T_w_out", "wet_volumes"]
     loop = fc.Loop(backlash=0.0, **parameters)
@@ -94,15 +93,11 @@ def open_loop(day, opening, **parameters):
 
 @pytest.fixture(scope="module")
 def dry_day():
-    import fastcoil as fc
-
     return fc.constant_day(hours=1.5, T_a_in=26.0, W_a_in=0.004, m_a=1.3)
 
 
 @pytest.fixture(scope="module")
 def wet_day():
-    import fastcoil as fc
-
     return fc.constant_day(hours=1.5, T_a_in=26.0, W_a_in=0.016, m_a=1.3, T_w_in=5.0)
 
 
@@ -170,8 +165,6 @@ def test_energy_closes_to_round_off_over_a_run(day, n_volumes, request):
 @pytest.mark.parametrize("air_march", ["lagged", "quasistatic"])
 def test_maximum_principle_up_to_the_stability_limit(air_march):
     """With γ = 1 at full opening and λ < 1 a dry coil stays between its coldest and warmest entry."""
-    import fastcoil as fc
-
     rng = np.random.default_rng(4)
     blocks = {
         name: rng.uniform(low, high, 90).repeat(40)
@@ -200,8 +193,6 @@ def test_next_to_no_water_flow_freezes_the_water(dry_day):
 
 @pytest.mark.kernel
 def test_without_air_flow_every_volume_gives_the_temperature_of_its_metal():
-    import fastcoil as fc
-
     ds = open_loop(fc.constant_day(hours=0.5).assign(m_a=0.0, enabled=1), 0.5)
     np.testing.assert_allclose(ds.T_a.values[:, 1:], ds.T_c.values[:, :-1], rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(ds.T_c.values[:, -1], 7.0, atol=1e-6)

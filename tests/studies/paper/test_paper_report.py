@@ -96,12 +96,6 @@ def test_the_scorecard_shows_every_share_and_its_interval_for_every_kind_of_day(
     assert len(looks) == len(labels)
 
 
-def test_a_line_parts_what_changes_with_the_kind_of_day_from_what_does_not(card, drawn):
-    (axes,) = drawn["scorecard"].axes
-    (line,) = (one for one in axes.lines if list(one.get_xdata()) == [0, 1] and len(set(one.get_ydata())) == 1)
-    assert line.get_ydata()[0] == sum(claim["change"] > 0 for claim in card["claims"]) - 0.5
-
-
 def test_every_claim_figure_and_warning_is_on_the_page(folder, card):
     page = Page(folder / "report.html")
     page.require_alone()
