@@ -280,8 +280,7 @@ def _cooling_gains(loop: Loop) -> list[str]:
 
 
 _CHUNK = 65536
-_AIR_FLOWS = 17
-"""Air flows tried between the least and the largest of the boundary: λ need not rise with the flow."""
+_AIR_FLOWS = 17  # air flows tried between the least and the largest of the boundary: λ need not rise with the flow
 
 
 def check_stability(layout: Layout) -> None:

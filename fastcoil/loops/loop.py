@@ -253,8 +253,7 @@ def _defaults_of_missing(
     return missing
 
 
-_LISTED = 5
-"""So many values of a sweep are written one by one."""
+_LISTED = 5  # so many values of a sweep are written one by one
 
 
 def nearest_preset(loop: Loop) -> Preset:

@@ -182,16 +182,13 @@ def with_times(ds: xr.Dataset) -> xr.Dataset:
     return ds.assign(times)
 
 
-_CHUNK = 2**20
-"""Bytes read at once."""
+_CHUNK = 2**20  # bytes read at once
 _READER = Path(__file__).with_name("netcdf_probe.py")
-_SECONDS, _BYTES_PER_SECOND = 30, 5e6
-"""Limits of the child process, far above what reading takes."""
+_SECONDS, _BYTES_PER_SECOND = 30, 5e6  # limits of the child process, far above what reading takes
 _MEMORY = 2**31
 Identity = tuple[int, ...]
 """Device, inode, size and times: they change when the file does."""
-_passed: set[Identity] = set()
-"""Files that a child process read to their end."""
+_passed: set[Identity] = set()  # files that a child process read to their end
 TraceLayout = Mapping[str, Mapping[str, Any]]
 """Of each variable in a file: its ``dims``, ``shape``, ``dtype`` and ``attrs``."""
 

@@ -10,8 +10,7 @@ import json
 import resource
 import sys
 
-_AT_ONCE = 2**20
-"""Values."""
+_AT_ONCE = 2**20  # values
 
 
 def main(name: str, seconds: int, memory: int, path: list[str]) -> None:

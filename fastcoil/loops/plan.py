@@ -83,14 +83,11 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
 }
 """Least and largest value of the whole numbers that say how to run; a boundary may limit them further."""
 
-_LANE_STEPS_PER_SHARD = 60e6
-"""About 1 to 2 s of work on one core."""
+_LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
 _SHARDS_PER_WORKER = 4
 _BYTES_PER_SHARD = 64 * 2**20
-_LANE_STEPS_PER_STRETCH = 1e9
-"""About 5 to 10 s: its end is kept with the state, which takes the room of some days."""
-_STRETCHES = 4
-"""Of a chain, at least."""
+_LANE_STEPS_PER_STRETCH = 1e9  # about 5 to 10 s: its end is kept with the state, which takes the room of some days
+_STRETCHES = 4  # of a chain, at least
 _BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
 """Each group makes its days itself, which fewer blocks do not repay; more groups even out what workers have to do."""
 _MOST_BLOCKS_PER_GROUP = 64

@@ -9,8 +9,7 @@ from typing import Any
 from fastcoil.model.parameter_table import PARAMETERS, Parameter, Scalar
 
 NOT_THE_FIT = "None of them is the fit of the paper, which was not published."
-_POLYNOMIAL = ("m_max", "valve_a", "valve_b", "valve_c")
-"""The curve of a valve that has no rangeability."""
+_POLYNOMIAL = ("m_max", "valve_a", "valve_b", "valve_c")  # the curve of a valve that has no rangeability
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +83,7 @@ PRESETS = Presets(
             "the default tuning of ASHRAE Guideline 36 in the Modelica Buildings library, with the same lags",
             {**_REAL_LOOP, "kp": 0.05, "ti": 600.0, "sample_time": 5.0},
         ),
-        # A quarter and a half of the cooling coil of the others, which has C_w 8.8, C_c 10, beta3 0.40, beta5 0.42: of
+        # a quarter and a half of the cooling coil of the others, which has C_w 8.8, C_c 10, beta3 0.40, beta5 0.42: of
         # its water, metal and surface, and of its tubes, in which the water is as fast (or, in the half, half as fast):
         # beta1 is 0.32 times 0.25^0.2, and 0.32 times 0.5^0.2.
         Preset(

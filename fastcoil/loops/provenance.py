@@ -26,8 +26,7 @@ VOLATILE = (
     "own_code",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
-_HASHED_AT_ONCE = 2**20
-"""Values; bounds the memory that hashing takes."""
+_HASHED_AT_ONCE = 2**20  # values; bounds the memory that hashing takes
 
 
 def content_sha256(ds: xr.Dataset) -> str:

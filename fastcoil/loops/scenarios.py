@@ -126,8 +126,7 @@ def columns_of(loop: Loop, sizes: Mapping[str, int], index: np.ndarray) -> dict[
     return columns
 
 
-_KEPT = 2
-"""Days; the threads of a run work on neighbours."""
+_KEPT = 2  # days; the threads of a run work on neighbours
 
 
 class Days:

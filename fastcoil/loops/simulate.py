@@ -43,8 +43,7 @@ from fastcoil.model.user_rules import rules_for_kernels
 
 S = TypeVar("S")
 T = TypeVar("T")
-_PIECE = 0.5
-"""Seconds; a long wait is cut into pieces."""
+_PIECE = 0.5  # seconds; a long wait is cut into pieces
 
 
 def within(seconds: float | None, call: Callable[[], T]) -> T:
@@ -194,8 +193,7 @@ def _run_days_in_sequence(found: Results, plan: Plan, stretch: Stretch, places: 
 
 
 _SHARDS_TIMED, _STEPS_TIMED = 3, 28_800
-_PER_SHARD = 0.06
-"""Seconds to write a shard and to read it in the merge, on a server with two cores."""
+_PER_SHARD = 0.06  # seconds to write a shard and to read it in the merge, on a server with two cores
 _PER_TRACE_BYTE, _PER_METRIC_BYTE, _PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
 """Seconds to write, merge and compress, or to hash, there."""
 

@@ -22,8 +22,7 @@ from fastcoil.measured.measures import Measures, loop_indices, measures_of
 _WANTED = Wanted(
     needed=("command", "T_sup"), optional=("T_set", "m_a", "T_a_in", "enabled"), measured=("T_sup", "m_a", "T_a_in")
 )
-_LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1
-"""Of a stroke or of the time between two samples of a controller, s."""
+_LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1  # of a stroke or of the time between two samples of a controller, s
 WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
 size is claimed."""

@@ -49,8 +49,7 @@ class Bias(NamedTuple):
     shares: tuple[float, float]  # least and largest ratio of the backlash shown to the true one in loops like the log's
 
 
-_Shown = tuple[float, Array]
-"""The backlash that a log shows, and how it moves, (4,)."""
+_Shown = tuple[float, Array]  # the backlash that a log shows, and how it moves, (4,)
 
 
 def bias_of(command: Array, flow: Array, batch: Index, step: float, curve: Array) -> Bias | None:
@@ -138,8 +137,7 @@ def _shown(command: Array, flow: Array, batch: Index) -> _Shown:
     return float(_SHOWN[errors.argmin()]), np.array(manner)
 
 
-_LEAST_MOVING = 0.4
-"""A controller may move the valve between the rows where the command changes at this share of them."""
+_LEAST_MOVING = 0.4  # a controller may move the valve between the rows where the command changes at this share of them
 _STILL = 2e-3  # smaller changes of the command are none
 _AT_AN_END = 0.01  # a command this close to 0 or 1 may rest there while the valve still travels
 _FEWEST_STILL = 20

@@ -36,11 +36,9 @@ INPUTS, HERE = "inputs", "."
 """Folder of the files that the study reads, and where its paths start if it reads none."""
 FORMAT = 1
 _KIND, _CHECKSUM = "fastcoil archive", "sha256"
-_LONGEST_NAME, _MOST_PARTS = 200, 30
-"""Bytes of a part of a path; parts of a path."""
+_LONGEST_NAME, _MOST_PARTS = 200, 30  # bytes of a part of a path; parts of a path
 _CHUNK = 2**20
-_EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The first moment that a ZIP file can record."""
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the first moment that a ZIP file can record
 _REGULAR = 0o100644 << 16
 _MOST_MEMBERS, _LARGEST_LISTING = 1000, 2**20
 _END_BYTES, _MEMBER_BYTES, _LARGEST_PLAIN = 22, 76, 2**31

@@ -37,8 +37,7 @@ from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool
 from fastcoil.study.workers.user_code import load, load_rules
 from fastcoil.study.workers.worker import Job
 
-_LONGEST_DIFFERENCE = 10
-"""Lines."""
+_LONGEST_DIFFERENCE = 10  # lines
 
 
 @dataclass(frozen=True)

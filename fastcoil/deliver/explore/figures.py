@@ -21,10 +21,8 @@ from fastcoil.design.limit_cycle import HUNTS_ABOVE
 _INK, _GREY, _SHADE = "#222222", "#999999", "#cccccc"
 _LETTERS = "1rem"
 _WIDE = 3  # width of the lines that count, px
-_HOURS = {"2h": 2.0, "half": 0.5}
-"""Length of a window at the end of the day."""
-_MARGINS, _SHOWN_MARGINS = (0.03, 30.0), (0.036, 25.0)
-"""Ends of the scale, and of where the mark can lie."""
+_HOURS = {"2h": 2.0, "half": 0.5}  # length of a window at the end of the day
+_MARGINS, _SHOWN_MARGINS = (0.03, 30.0), (0.036, 25.0)  # ends of the scale, and of where the mark can lie
 _MOST = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
 """Upper end of the colours of a map, K: the same for all loops, so that maps can be compared."""
 _LABELLED = 3  # every so many cells of a map

@@ -35,12 +35,10 @@ from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.maintenance import Scenario
 
-_VALVE = {"rangeability": 50.0, "m_full": 1.7}
-"""An equal-percentage valve; flow in kg/s of the presets' cooling coil."""
+_VALVE = {"rangeability": 50.0, "m_full": 1.7}  # an equal-percentage valve; flow in kg/s of the presets' cooling coil
 _LEARNING_STEP = 0.01  # finds a gap of 7 % in half a day
 _SHARE = 0.95  # of what is identified: an estimate above the gap chatters
-_HEATING_DAY = {"T_a_in": 12.0, "W_a_in": W_IN, "T_set": 25.0}
-"""Means of ``heating_day``, degC."""
+_HEATING_DAY = {"T_a_in": 12.0, "W_a_in": W_IN, "T_set": 25.0}  # means of ``heating_day``, degC
 _DAYS: Mapping[str, Callable[..., Boundary]] = {
     "paper_day": paper_day, "heating_day": heating_day, "constant_day": constant_day, "design_day": design_day,
 }  # fmt: skip
@@ -188,8 +186,7 @@ def map_of(axes: str, scene: Scenario) -> Map:
     return Map(axes, {name: ds[name].transpose(y, x).values for name in ("rmse", "hunting_swing")})
 
 
-_RUNS, _MAPS = 200, 100
-"""Sizes of the caches: 0.3 MB and 4 kB an entry."""
+_RUNS, _MAPS = 200, 100  # sizes of the caches: 0.3 MB and 4 kB an entry
 
 
 class Model:

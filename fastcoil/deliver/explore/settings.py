@@ -17,8 +17,7 @@ from fastcoil.study.maintenance import Scenario
 
 GIVEN = "given"
 """Name of the loop of a study, which is no preset."""
-_LONGEST = 24 * 3600
-"""Seconds of the day of a study; longer days are refused."""
+_LONGEST = 24 * 3600  # seconds of the day of a study; longer days are refused
 
 
 class Start(NamedTuple):
@@ -115,8 +114,7 @@ CHOICES = {
     "colour": Choice("Colour", {"rmse": "RMS error", "hunting_swing": "hunting swing"}),
     "window": Choice("Time shown", {"day": "whole day", "2h": "2 h", "half": "30 min"}),
 }  # fmt: skip
-_STEADY_LOAD = {"cooling": 1.15, "heating": 0.9}
-"""Air flow, kg/s."""
+_STEADY_LOAD = {"cooling": 1.15, "heating": 0.9}  # air flow, kg/s
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,9 @@ SUFFIXES = {"c": ".c", "st": ".st", "python": ".py"}
 """Of the files, by language."""
 FIRST_VECTORS = 200
 """Vectors that a program in Structured Text holds, which cannot read files."""
-_MARK = b"ritten by fastcoil "
-"""In the head of every file."""
+_MARK = b"ritten by fastcoil "  # in the head of every file
 _TOLERANCE = 1e-12
-_LARGEST = 2**26
-"""Bytes of a file."""
+_LARGEST = 2**26  # bytes of a file
 
 
 def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = "c") -> list[Path]:

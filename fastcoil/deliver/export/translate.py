@@ -51,8 +51,7 @@ from fastcoil.deliver.export.variables import AgainError
 from fastcoil.model.estimators.interface import defaults_of, is_sample
 
 _MOST_ROUNDS = 50
-_RETURNED = object()
-"""What a block gives whose values are stored already."""
+_RETURNED = object()  # what a block gives whose values are stored already
 _WORDS = {"real": "float", "flag": "bool", "whole": "int", "": "None"}
 _UNKNOWN = {"While": "a while loop", "With": "with", "Raise": "raise", "Assert": "assert", "Break": "break",
             "Continue": "continue", "FunctionDef": "a function inside a function", "Try": "try"}  # fmt: skip

@@ -21,15 +21,11 @@ from fastcoil.measured.replay import replay
 
 OUTPUTS = {"command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate"}
 """What the code calls a trace."""
-_HOURS, _HOURS_TO_IDENTIFY = 1, 3
-"""Of the simulated day: an estimate from steps of the set-point takes longer."""
+_HOURS, _HOURS_TO_IDENTIFY = 1, 3  # of the simulated day: an estimate from steps of the set-point takes longer
 _LIMITS = -50.0, 150.0
-_LARGEST_ERROR = 25.0
-"""K; a reading stays plausible."""
-_MOST_CYCLES = 6000
-"""Of a record: intervals of a day would fill a disk."""
-_OFF = (95, 103, 150)
-"""Cycles at which the plant goes off for the next four."""
+_LARGEST_ERROR = 25.0  # K; a reading stays plausible
+_MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
+_OFF = (95, 103, 150)  # cycles at which the plant goes off for the next four
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
 
 
-_COLUMN = 3.5
-"""Width of a figure, inches: 89 mm, a column of a journal."""
+_COLUMN = 3.5  # width of a figure, inches: 89 mm, a column of a journal
 _LETTER, _HANDLE = 0.061, 0.42
 """Widths in a legend, inches: of an average letter, of all before and between the letters."""
 _LONGEST = 36  # letters of a line in a legend

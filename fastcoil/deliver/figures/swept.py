@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
 
 _HEIGHT = 2.8
-_MOST_COLUMNS, _MOST_ROWS = 7, 10
-"""A map of so few cells has its numbers written into them."""
+_MOST_COLUMNS, _MOST_ROWS = 7, 10  # a map of so few cells has its numbers written into them
 _DEFAULT = "rmse"
 _DARK = 0.55  # share of the scale of colours up to which white letters are read best
 

@@ -83,8 +83,7 @@ def left_out(n: int, shown: int, what: str) -> str:
 
 
 _MARK = b'<meta name="generator" content="fastcoil '
-_MARK_WITHIN, _LARGEST = 2000, 2**28
-"""Bytes at the beginning of a page that hold its mark, and bytes of a page."""
+_MARK_WITHIN, _LARGEST = 2000, 2**28  # bytes at the beginning of a page that hold its mark, and bytes of a page
 DPI = 200
 """Of the pictures: for print on A4."""
 _BESIDE = ("baseline", "never", "yes", "no")  # words in a column of numbers

@@ -97,8 +97,7 @@ _PLANT = {
     "T_w_in": Drift(0.05, 120),
 }
 """As strong and as slow as that of `paper_day`; flow and humidity as a share.  The order numbers the random numbers."""
-_ZONE = Drift(0.05, 1200)
-"""Of the load of one zone, as a share: a guess."""
+_ZONE = Drift(0.05, 1200)  # of the load of one zone, as a share: a guess
 
 
 class Outdoors(NamedTuple):

@@ -48,10 +48,8 @@ _PANELS = {
 """Label of the axis, and the factor to its unit."""
 _ALWAYS = ("m_a", "W_a_in")
 _POINTS = 1500
-_STEPS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 86400)
-"""Seconds that a point may stand for."""
-_WIDTH, _HEIGHT, _ROW = 7.5, 2.2, 1.15
-"""Inches: of the figure, of its temperatures, of another row."""
+_STEPS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 86400)  # seconds that a point may stand for
+_WIDTH, _HEIGHT, _ROW = 7.5, 2.2, 1.15  # inches: of the figure, of its temperatures, of another row
 
 
 @apply_style()

@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 
 KEPT: Values = object()
 """A series that is not to be changed."""
-_LONGEST = round(3600 * (CONDITIONS["hours"].upper or 0.0))
-"""Seconds of a day."""
+_LONGEST = round(3600 * (CONDITIONS["hours"].upper or 0.0))  # seconds of a day
 _OF_A_LOG = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled"))
 _HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 

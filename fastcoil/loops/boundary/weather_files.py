@@ -30,8 +30,7 @@ from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_poi
 STANDARD_PRESSURE = 101325.0
 """At sea level, Pa."""
 WEEKDAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
-_LARGEST = 2**28
-"""Bytes; a year by minutes has half as many."""
+_LARGEST = 2**28  # bytes; a year by minutes has half as many
 
 WEATHER_COLUMNS = {
     series.name: (series, header, unit)
@@ -213,8 +212,7 @@ _TMY3_HEADERS = {
     "RH": ("RHum (%)", "percent"),
     "p": ("Pressure (mbar)", "hPa"),
 }
-_TMY3_MISSING = -99.0
-"""Files mark a missing reading with -9900; no reading is as low as -99."""
+_TMY3_MISSING = -99.0  # files mark a missing reading with -9900; no reading is as low as -99
 _DAYS = np.array([31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])
 
 

@@ -53,8 +53,7 @@ _LOCK, _HOLDER = ".lock", ".holder"
 _LONGEST_HOLDER = 4096
 _PATIENCE, _PAUSE = 0.5, 0.01
 """Seconds to try to get the lock, which a reader may hold for a moment; seconds between two trials."""
-_SETTLING = 1.0
-"""Seconds that a run may need between two files that belong together."""
+_SETTLING = 1.0  # seconds that a run may need between two files that belong together
 _WITHOUT_LOCKS = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS)
 """Answers of a file system that has no locks, or has run out of them."""
 Read = TypeVar("Read")

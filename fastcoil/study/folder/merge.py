@@ -29,12 +29,9 @@ from fastcoil.study.folder.result_files import add_traces, finished_manifest, pu
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
 """Reads the flat parts of the study without the named variables, afresh at every call: they need not fit in memory
 together."""
-_LARGE = 2**24
-"""Bytes."""
-_AT_ONCE = 2048
-"""Scenarios; their responses take up to 60 MB."""
-_DIGITS = "%.6g"
-"""Theory is not more accurate, and the last bits depend on the machine's libraries."""
+_LARGE = 2**24  # bytes
+_AT_ONCE = 2048  # scenarios; their responses take up to 60 MB
+_DIGITS = "%.6g"  # theory is not more accurate, and the last bits depend on the machine's libraries
 
 
 def merge(

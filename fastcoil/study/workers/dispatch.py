@@ -17,11 +17,9 @@ from fastcoil.loops.plan import Shard, Stretch
 from fastcoil.study.workers.pools import Pool
 from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 
-_MOST_DEATHS = 40
-"""Without a result in between: one bad scenario in a shard of a million takes 20."""
+_MOST_DEATHS = 40  # without a result in between: one bad scenario in a shard of a million takes 20
 _FIRST_LIMIT, _LEAST_LIMIT, _LIMIT_FACTOR = 600.0, 60.0, 20.0
-_LOOK_EVERY = 2.0
-"""Seconds between two looks at which shards wait for a worker."""
+_LOOK_EVERY = 2.0  # seconds between two looks at which shards wait for a worker
 _PATIENCE, _LONGEST_SILENCE = 10.0, 600.0
 """Seconds until a run that only waits says so, and between two such sentences at most."""
 

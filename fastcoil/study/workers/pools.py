@@ -41,8 +41,7 @@ from fastcoil.study.workers.worker import (
     run_scenarios,
 )
 
-_WAIT_FOR_SCHEDULER = 10.0
-"""Seconds."""
+_WAIT_FOR_SCHEDULER = 10.0  # seconds
 
 
 def connect(address: str) -> Any:

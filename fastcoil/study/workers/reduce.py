@@ -25,8 +25,7 @@ _TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
 _FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 _WORDS = ("units", "long_name", "standard_name", "description", "comment", "source", "references")
 """Attributes that are kept: words for a reader, nothing by which a decoder would change the numbers."""
-_LONGEST_NAME = 200
-"""Bytes; the NetCDF library takes 256."""
+_LONGEST_NAME = 200  # bytes; the NetCDF library takes 256
 
 
 def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:

@@ -17,8 +17,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.model.user_rules import Rule
 from fastcoil.study.file.own_code import Source
 
-_LONGEST_MESSAGE = 300
-"""Characters of an exception's text."""
+_LONGEST_MESSAGE = 300  # characters of an exception's text
 
 
 def load(what: str, source: Source) -> Any:
