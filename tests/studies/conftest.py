@@ -37,6 +37,15 @@ def small(tmp_path_factory):
 
 
 @pytest.fixture
+def weather(tmp_path):
+    """A file with the weather of a year, whose days differ."""
+    lines = [f"{h},1,1,{(h - 1) % 24 + 1},{20 + h % 7 + h // 100 % 3},12" for h in range(1, 8761)]
+    path = tmp_path / "weather.csv"
+    path.write_text("hour_of_year,month,day,hour,T_drybulb_C,T_dewpoint_C\n" + "\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
 def written(monkeypatch, tmp_path):
     """Have tables written elsewhere; return a function that reads one: title, then rows of cells, head first."""
     monkeypatch.setattr(report, "WRITTEN", tmp_path / "studies")

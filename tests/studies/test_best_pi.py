@@ -34,15 +34,10 @@ def test_days_of_a_kind_differ_and_come_again(kind):
     assert colder.all() if kind == kinds.HEATING else not colder.any()
 
 
-def test_days_of_weather_come_only_with_a_file(tmp_path):
-    assert kinds.WEATHER not in kinds.kinds(tmp_path / "weather.csv")
-    hours = np.arange(1, 8761)
-    columns = {"hour_of_year": hours, "month": 1, "day": 1, "hour": (hours - 1) % 24 + 1, "T_drybulb_C": 20 + hours % 7}
-    text = [",".join([*columns, "T_dewpoint_C"])]
-    text += [",".join(str(np.broadcast_to(v, hours.shape)[k]) for v in columns.values()) + ",12" for k in range(8760)]
-    (tmp_path / "weather.csv").write_text("\n".join(text) + "\n")
-    assert kinds.WEATHER in kinds.kinds(tmp_path / "weather.csv")
-    days = kinds.of_kind(kinds.WEATHER, [1, 2], tmp_path / "weather.csv")
+def test_days_of_weather_come_only_with_a_file(tmp_path, weather):
+    assert kinds.WEATHER not in kinds.kinds(tmp_path / "none.csv")
+    assert kinds.WEATHER in kinds.kinds(weather)
+    days = kinds.of_kind(kinds.WEATHER, [1, 2], weather)
     assert not np.allclose(days.series["T_a_in"][0], days.series["T_a_in"][1])
 
 

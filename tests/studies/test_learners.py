@@ -58,11 +58,8 @@ def test_each_condition_changes_what_it_says(monkeypatch):
     assert not any(condition.kind == kinds.WEATHER for condition in learners_runs._of_loops())
 
 
-def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoor_air(tmp_path):
-    path = tmp_path / "weather.csv"
-    lines = [f"{h},1,1,{(h - 1) % 24 + 1},{20 + h % 7},12" for h in range(1, 8761)]
-    path.write_text("hour_of_year,month,day,hour,T_drybulb_C,T_dewpoint_C\n" + "\n".join(lines) + "\n")
-    mixed, outdoor = (kinds.of_kind(kinds.WEATHER, [1], path, hours=3, outdoor=share) for share in (0.5, 1.0))
+def test_days_are_as_long_as_asked_for_and_weather_has_the_asked_share_of_outdoor_air(weather):
+    mixed, outdoor = (kinds.of_kind(kinds.WEATHER, [1], weather, hours=3, outdoor=share) for share in (0.5, 1.0))
     assert mixed.n_steps == outdoor.n_steps == 3 * 3600
     # the other half is return air of 24 °C
     np.testing.assert_allclose(mixed.series["T_a_in"], 0.5 * (24.0 + outdoor.series["T_a_in"]), atol=0.05)

@@ -35,15 +35,12 @@ def hashes():
     ("part", "belongs"),
     [
         ("model/physics.py", True),
-        ("model/control.py", True),
         ("model/engine/rows.py", True),
-        ("model/numerics/noise.py", True),
         ("model/numerics/jit.py", True),
         ("model/parameter_table.py", True),
         # decides whether a kernel is compiled, not to what
         ("model/numerics/kernel_cache.py", False),
         ("loops/simulate.py", False),
-        ("deliver/figures/study.py", False),
     ],
 )
 def test_the_hashes_follow_what_kernels_are_made_of(copied, monkeypatch, part, belongs):
