@@ -147,6 +147,7 @@ def test_the_figure_has_training_and_validation_with_the_leaving_water(fit):
 # ----------------------------------------------------------------------------------------------------------- real data
 
 
+@pytest.mark.usefixtures("all_starts")
 def test_a_coil_of_another_library_is_matched_as_well_as_two_of_its_models_match_each_other():
     """Buildings' WetCoilCounterFlowPControl: fitted on 36-1,200 s, validated after: within 0.57 K."""
     columns = {
