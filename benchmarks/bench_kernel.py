@@ -14,11 +14,11 @@ ROUNDS = 15
 @pytest.mark.parametrize("option", OPTIONS)
 def test_options(timed: Timed, option: str, sample_time: int) -> None:
     work = plan(LANES, SECONDS, sample_time, OPTIONS[option])
-    timed(kernel(work), ROUNDS, lane_steps=work.lane_steps, lanes=LANES)
+    timed(kernel(work), ROUNDS, lane_steps=LANES * SECONDS, lanes=LANES)
 
 
 @pytest.mark.parametrize("sample_time", SAMPLE_TIMES)
 @pytest.mark.parametrize("lanes", [LANES, 4 * LANES, 16 * LANES])
 def test_lanes(timed: Timed, lanes: int, sample_time: int) -> None:
     work = plan(lanes, SECONDS, sample_time)
-    timed(kernel(work), ROUNDS, lane_steps=work.lane_steps, lanes=lanes)
+    timed(kernel(work), ROUNDS, lane_steps=lanes * SECONDS, lanes=lanes)

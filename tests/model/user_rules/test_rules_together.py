@@ -54,6 +54,7 @@ def test_a_parameter_of_the_loop_that_is_read_must_be_given():
         fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
 
 
+@pytest.mark.kernel
 def test_a_replay_gives_the_commands_of_the_simulation():
     loop = fc.Loop(law=own_pi, estimator=[by_error, by_switches], noise_std=0.05)
     day = fc.paper_day(hours=1)
