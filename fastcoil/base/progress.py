@@ -181,6 +181,7 @@ class Shown:
         self._lock = threading.RLock()
         self._timer: threading.Timer | None = None
         self._state = State(0)
+        self._first: float | None = None
         self._is_open = False
 
     def start(self, of: int, before: int = 0, what: str = "scenario-days") -> Advance:
@@ -189,10 +190,13 @@ class Shown:
         self._state, self._began = State(of, before, before, what=what), time.monotonic()
         if self._view is None:
             return _ignore
+        # work in several parts is shown once all of them have taken that long
+        self._first = self._began if self._first is None else self._first
+        left = max(0.0, self._patience - (self._began - self._first))
         # a timer, since the first shard may take minutes
-        self._timer = threading.Timer(self._patience, self._open)
+        self._timer = threading.Timer(left, self._open)
         self._timer.daemon = True
-        if self._patience:
+        if left:
             self._timer.start()
         else:
             self._open()

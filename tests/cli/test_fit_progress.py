@@ -86,7 +86,7 @@ def test_a_fit_tells_of_its_parts_and_a_short_one_prints_nothing(tmp_path, monke
 
 @pytest.mark.full
 def test_ctrl_c_ends_a_fit_cleanly(tmp_path):
-    path = write_csv(tmp_path / "valve.csv", VALVE_HEADER, valve_rows(20_000))
+    path = write_csv(tmp_path / "valve.csv", VALVE_HEADER, valve_rows(120_000))
     command = [sys.executable, "-m", "fastcoil", "fit", "valve", str(path), "-o", str(tmp_path / "valve.toml")]
     ours, theirs = pty.openpty()
     with subprocess.Popen(command, stderr=theirs, stdout=subprocess.DEVNULL, env=environment()) as running:
