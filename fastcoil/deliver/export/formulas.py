@@ -6,6 +6,7 @@ import ast
 import builtins
 import math
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import ModuleType
@@ -52,7 +53,7 @@ class InlineError(Exception):
     """A function of numbers cannot stand by itself: it finds NaN, reads a table, or returns several numbers."""
 
 
-class Formulas(Variables):
+class Formulas(Variables, ABC):
     """Evaluates expressions."""
 
     def _value(self, node: ast.expr, scope: Scope) -> Any:  # noqa: PLR0911 — one for each kind
@@ -88,8 +89,9 @@ class Formulas(Variables):
             return self._call(node, scope)
         raise self._refusal(f"it has {ast.unparse(node)}", "use numbers, fields and functions of them")
 
+    @abstractmethod
     def _call(self, node: ast.Call, scope: Scope) -> Any:
-        raise NotImplementedError
+        """What a call gives."""
 
     # names
 
