@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.progress import Shown, progress_of_command
+from fastcoil.base.progress import progress_of_command
 from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.arguments import PATH
 from fastcoil.cli.deliver import with_report, write_report
@@ -24,28 +24,26 @@ if TYPE_CHECKING:
 
 @contextmanager
 def fit_progress() -> Iterator[None]:
-    """Show the progress of the fits inside."""
-    from fastcoil.measured.least_squares import reported_to
+    """Show the progress of the fits inside, one part after the other."""
+    from fastcoil.measured.least_squares import progress
 
-    with progress_of_command() as shown, reported_to(_Parts(shown)):
-        yield
+    with progress_of_command() as shown:
+        advance, part, at = None, "", 0
 
+        def report(what: str = "", done: int | None = None, of: int = 0) -> None:
+            nonlocal advance, part, at
+            if what and (what != part or done == 0):
+                advance, part, at = shown.start(of, what=what), what, 0
+            if advance:
+                done = at if done is None else done
+                advance(done - at)
+                at = done
 
-class _Parts:
-    """Shows the parts of a fit, one after the other."""
-
-    def __init__(self, shown: Shown) -> None:
-        self.shown, self.what, self.done = shown, "", 0
-
-    def part(self, what: str, done: int, of: int) -> None:
-        if what != self.what or done == 0:
-            self.advance, self.what, self.done = self.shown.start(of, what=what), what, 0
-        self.advance(done - self.done)
-        self.done = done
-
-    def step(self) -> None:
-        if self.what:
-            self.advance(0)
+        token = progress.set(report)
+        try:
+            yield
+        finally:
+            progress.reset(token)
 
 
 @click.group()

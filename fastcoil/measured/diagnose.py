@@ -90,7 +90,7 @@ def diagnose(
     found = _doubted(found, grid, measures)
     loop = _modelled(grid, found, seconds, sample_time)
     cause = cause_of(measures, loop, identified=found.identified)
-    indices = measures.indices | loop_indices(measures, interval, loop)
+    indices = measures.indices | loop_indices(loop)
     doubt = loop if isinstance(loop, str) else loop.doubt
     if stroke_time is None:
         notes.append(f"the motor is taken to need {seconds:g} s for its stroke: give stroke_time if it is known")

@@ -26,9 +26,7 @@ INDICES = {
     "period": ("s", "period of the swing", "period"),
     "regularity": ("1", "regularity of the swing after Thornhill: regular above 1", "regularity (Thornhill)"),
     "periodic_share": ("1", "share of the variance that comes back after a period", ""),
-    "oscillation": ("1", "oscillation index after Hägglund: oscillates above 1", "oscillation (Hägglund)"),
     "harris": ("1", "normalised Harris index: 0 is the best that feedback can do, 1 the worst", "Harris, normalised"),
-    "hagglund_backlash": ("1", "backlash after Hägglund, fraction of stroke", "backlash (Hägglund)"),
     "command_swing": ("1", "median swing of the command in a period, peak to peak", ""),
     "motor_travel": ("d-1", "strokes of the motor in a day", "motor, strokes a day"),
     "reversals": ("d-1", "turns of the motor in a day", "motor, turns a day"),
@@ -65,9 +63,9 @@ class Diagnosis(Result):
     profile
         Dataset over ``backlash``: the ``probability`` of each size.
     indices
-        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, Hägglund's oscillation index
-        and backlash, the normalised Harris index, travel and turns of the motor; gain, integral time and sample time of
-        the controller, gain of the plant and margin, where the loop could be modelled.
+        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, the normalised Harris index,
+        travel and turns of the motor; gain, integral time and sample time of the controller, gain of the plant and
+        margin, where the loop could be modelled.
     predictions
         Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
         does on this log's day; NaN where that cannot be predicted, with the ``doubt``.  None where there is no model.
@@ -290,8 +288,7 @@ def _draw_indices(axes: Axes, d: Diagnosis) -> None:
     for name, (unit, _, words) in INDICES.items():
         if words:
             shown = {"K-1": "1/K", "d-1": "", "1": ""}.get(unit, unit)
-            shown, scale = ("%", 100.0) if name == "hagglund_backlash" else (shown, 1.0)
-            value = scale * float(d.indices[name])
+            value = float(d.indices[name])
             cells.append([words, f"{value:.3g} {shown}".rstrip() if np.isfinite(value) else "–"])
     table = axes.table(cells, colWidths=(0.68, 0.32), loc="upper left", cellLoc="left", edges="horizontal")
     table.auto_set_font_size(False)

@@ -11,49 +11,17 @@ a meter gets wrong for hours or for a whole batch does not average out within it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.measured.part import unbroken
 
-
-class Listener(Protocol):
-    """Receives the progress of a fit: ``done`` of ``of`` parts are done; the model was run once more."""
-
-    def part(self, what: str, done: int, of: int) -> None: ...
-    def step(self) -> None: ...
-
-
-_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
-
-
-@contextmanager
-def reported_to(listener: Listener) -> Iterator[None]:
-    """Report the progress of the fits inside to ``listener``."""
-    token = _listener.set(listener)
-    try:
-        yield
-    finally:
-        _listener.reset(token)
-
-
-def report_part(what: str, done: int, of: int) -> None:
-    """Report the start of a part."""
-    if listener := _listener.get():
-        listener.part(what, done, of)
-
-
-def report_step() -> None:
-    """Report one run of the model."""
-    if listener := _listener.get():
-        listener.step()
-
+progress: ContextVar[Callable[..., None]] = ContextVar("progress", default=lambda *part: None)
+"""Called as (what, done, of) at the start of each part of a fit, and without arguments after each run of the model."""
 
 CONFIDENCE = 0.95
 FORBIDDEN = 1e6  # residual of a parameter set that cannot be run
@@ -108,7 +76,7 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
         sets[which, 1 + 2 * k] = np.minimum(x[which] + step, model.upper[which])
         sets[which, 2 + 2 * k] = np.maximum(x[which] - step, model.lower[which])
     found = model.residuals(sets)
-    report_step()
+    progress.get()()
     found = np.where(np.isfinite(found), found, FORBIDDEN)
     J = np.zeros((found.shape[0], p))
     forbidden = np.atleast_1d((np.abs(found) >= FORBIDDEN).any(axis=0))
@@ -129,7 +97,7 @@ def _screened(model: Model, starts: Array) -> Array:
     """Residual sum of squares of every start (p, sets)."""
     sums = []
     for first in range(0, starts.shape[1], _SCREENED_AT_ONCE):
-        report_part("starts", first, starts.shape[1])
+        progress.get()("starts", first, starts.shape[1])
         r = model.residuals(starts[:, first : first + _SCREENED_AT_ONCE])
         r = np.where(np.isfinite(r), r, FORBIDDEN)
         sums.append(np.einsum("ij,ij->j", r, r))
@@ -143,10 +111,10 @@ def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: 
     order = np.argsort(_screened(model, starts))[:_REFINED]
     found = []
     for i, k in enumerate(order):
-        report_part("descents", i, order.size + 1)
+        progress.get()("descents", i, order.size + 1)
         found.append(_descended(model, starts[:, k], fixed, max_steps))
     best = min(found, key=lambda one: one.rss)
-    report_part("descents", order.size, order.size + 1)
+    progress.get()("descents", order.size, order.size + 1)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
     polished = _descended(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
     return _at(model, min(best, polished, key=lambda one: one.rss).x)  # with short steps a kink looks like a slope
@@ -309,7 +277,7 @@ def profile(
     for way in (range(middle, grid.size), range(middle - 1, -1, -1)):
         x = best.x
         for i in way:
-            report_part("values of the backlash", len(found), grid.size)
+            progress.get()("values of the backlash", len(found), grid.size)
             start = x.copy()
             start[k] = grid[i]
             found[i] = minimise(model, start[:, None], [*fixed, k], max_steps)

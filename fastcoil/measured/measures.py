@@ -131,13 +131,8 @@ def running_mean(series: Array, good: Mask, width: int) -> Array:
 SETTLED_AFTER = 600.0  # seconds after a change of the set-point from which the loop counts as settled
 LEAST_CHANGE = 0.3  # change of the set-point that counts, K, in one step or within that time
 _END = 0.005  # a command so near to closed or open counts as that
-_AMPLITUDE = 0.1
-"""Of the least oscillation that Hägglund's index counts, K: 1 % of the 10 K that a supply temperature ranges over."""
-_EVENTS, _SUPERVISED = 10, 50.0  # so many events within so many integral times are an oscillation
 _ORDER, _STEP, _AHEAD = 15, 30.0, 60.0
 """Order of the model of the error, its step [s], and the time that no controller can overtake [s]."""
-_LONG, _PEAKED = 5.0, 2.0
-"""A half period counts for Hägglund's gap if it lasts so many integral times and its peak is below so many means."""
 _DAY = 86400.0
 
 
@@ -176,44 +171,6 @@ def travel(positions: Array, on: Mask, interval: float) -> tuple[float, float]:
     return float(np.abs(moved).sum()) / days, float(np.sum(moved[1:] * moved[:-1] < 0.0)) / days
 
 
-def oscillation_index(e: Array, good: Mask, interval: float, ti: float) -> float:
-    """Hägglund, Control Engineering Practice 3 (1995) 1543: above 1 the loop oscillates.
-
-    The integral of |e| between two zero crossings is an event if it exceeds 2 a/ω, as that of half a sine of amplitude
-    a = 0.1 K and frequency ω = 2 π/ti does: a ti/π.  The index is the largest number of events within 50 ti, over 10.
-
-    ti: integral time, s; where it is not known, the period of the oscillation stands for it.
-    """
-    if not np.isfinite(ti):
-        return 0.0
-    halves = half_periods(e, good, interval)
-    at = halves.end[halves.iae > _AMPLITUDE * ti / np.pi]
-    within = np.searchsorted(at, at + _SUPERVISED * ti, side="right") - np.arange(at.size)
-    return float(np.max(within, initial=0)) / _EVENTS
-
-
-class Halves(NamedTuple):
-    """Half periods of an error, between zero crossings."""
-
-    end: Array  # s, as duration
-    duration: Array
-    iae: Array  # integral of the absolute value, K s
-    peak: Array  # largest of it, K
-
-
-def half_periods(e: Array, good: Mask, interval: float) -> Halves:
-    """The half periods that are wholly good."""
-    sign = np.where(good, np.where(e > 0.0, 1, -1), 0)
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(sign)) + 1, [e.size]])
-    first, last = edges[:-1], edges[1:]
-    whole = (sign[first] != 0) & (first > 0) & (last < e.size)
-    whole &= (sign[first - 1] == -sign[first]) & (sign[np.minimum(last, e.size - 1)] == -sign[first])
-    size = np.where(good, np.abs(e), 0.0)
-    iae = np.add.reduceat(size, first)[whole] * interval
-    peak = np.maximum.reduceat(size, first)[whole]
-    return Halves(last[whole] * interval, (last - first)[whole] * interval, iae, peak)
-
-
 def harris_index(e: Array, good: Mask, interval: float) -> float:
     """Normalised Harris index, 1 - σ²/mean e²: 0 is the best that feedback can do, 1 the worst.
 
@@ -239,21 +196,6 @@ def harris_index(e: Array, good: Mask, interval: float) -> float:
         h[j] = a[: min(j, _ORDER)] @ h[j - 1 :: -1][:_ORDER]
     total = float(np.mean(windows[:, -1] ** 2))
     return float(np.clip(1.0 - innovations * float(h @ h) / total, 0.0, 1.0)) if total > 0.0 else np.nan
-
-
-def hagglund_gap(e: Array, good: Mask, interval: float, kp: float, ti: float, gain: float) -> float:
-    """Backlash after Hägglund, J. Process Control 17 (2007) 741, fraction of stroke; NaN without evidence.
-
-    While the gap is crossed the valve stands still and the error is a square wave; d = kp (Δt/ti - 1/(kp gain)) Δy,
-    with the mean error Δy of a half period Δt.  The median of those that last 5 ti or more and peak below 2 Δy.
-
-    kp, ti: gain [1/K] and integral time [s] of the controller.  gain: of the plant, K per stroke.
-    """
-    halves = half_periods(e, good, interval)
-    mean = halves.iae / halves.duration
-    d = kp * (halves.duration / ti - 1.0 / (kp * gain)) * mean
-    counts = (halves.duration >= _LONG * ti) & (halves.peak < _PEAKED * mean) & (d > 0.0) & (d < 1.0)
-    return float(np.median(d[counts])) if counts.any() else np.nan
 
 
 COARSE = 60.0  # interval beyond which a log misses the swings of most loops, s
@@ -292,11 +234,10 @@ def measures_of(grid: Grid, stroke_time: float) -> Measures:
     length = swing.period if np.isfinite(swing.period) else USUAL_PERIOD
     spans = _spans(known, calm, max(2, round(length / interval)))
     moved = float(np.median(spans)) if spans.size else np.nan
-    of_error = [np.nan] * 4
+    of_error = [np.nan] * 3
     if T_set is not None:
         of_error = [
             *(float(np.sqrt(np.mean(error[where] ** 2))) if where.any() else np.nan for where in (good, calm)),
-            oscillation_index(error, calm, interval, swing.period),
             harris_index(error, calm, interval),
         ]
     indices = {
@@ -306,8 +247,7 @@ def measures_of(grid: Grid, stroke_time: float) -> Measures:
         "period": swing.period,
         "regularity": swing.regularity,
         "periodic_share": swing.share,
-        "oscillation": of_error[2],
-        "harris": of_error[3],
+        "harris": of_error[2],
         "command_swing": moved,
         "motor_travel": strokes,
         "reversals": turns,
@@ -315,17 +255,14 @@ def measures_of(grid: Grid, stroke_time: float) -> Measures:
     return Measures(error, calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
 
 
-def loop_indices(measures: Measures, interval: float, loop: FittedLoop | str) -> dict[str, float]:
+def loop_indices(loop: FittedLoop | str) -> dict[str, float]:
     """Indices of the controller, and of a plant without a doubt: NaN where the loop could not be modelled."""
-    kp, ti, every, gain, margin, size = (np.nan,) * 6
+    kp, ti, every, gain, margin = (np.nan,) * 5
     if not isinstance(loop, str):
         kp, ti, every = abs(loop.pi.kp), loop.pi.ti, loop.pi.sample_time
         if not loop.doubt:
             gain, margin = loop.plant.gain, loop.margin
-            size = hagglund_gap(measures.error, measures.calm, interval, kp, ti, abs(gain))
-    return {
-        "hagglund_backlash": size, "kp": kp, "ti": ti, "sample_time": every, "plant_gain": gain, "margin": margin,
-    }  # fmt: skip
+    return {"kp": kp, "ti": ti, "sample_time": every, "plant_gain": gain, "margin": margin}
 
 
 def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:

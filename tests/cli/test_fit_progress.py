@@ -15,10 +15,11 @@ from click.testing import CliRunner
 from helpers.log_files import VALVE_HEADER, valve_rows, write_csv
 from helpers.processes import environment
 
+import fastcoil as fc
 from fastcoil.base import progress
-from fastcoil.cli.fit import _Parts, fit_progress
+from fastcoil.cli.fit import fit_progress
 from fastcoil.cli.main import main
-from fastcoil.measured.least_squares import report_part, report_step
+from fastcoil.measured.least_squares import progress as fitting
 
 
 @pytest.fixture
@@ -32,19 +33,19 @@ def clock(monkeypatch):
 
 def test_every_ten_seconds_a_line_says_how_much_is_done_and_how_long_the_rest_takes(clock, capsys):
     with fit_progress():
-        report_part("starts", 0, 768)
+        fitting.get()("starts", 0, 768)
         clock[0] += 9.0
-        report_step()
+        fitting.get()()
         assert capsys.readouterr().err == ""
-        report_part("descents", 0, 5)
+        fitting.get()("descents", 0, 5)
         clock[0] += 24.0
-        report_part("descents", 2, 5)
+        fitting.get()("descents", 2, 5)
         clock[0] += 1.0
-        report_step()
+        fitting.get()()
     assert capsys.readouterr().err == "2 of 5 descents, 36 s to go\n"
-    report_step()
+    fitting.get()()
     clock[0] += 60.0
-    report_step()
+    fitting.get()()
     assert capsys.readouterr().err == ""
 
 
@@ -58,9 +59,9 @@ def test_on_a_terminal_it_is_a_bar_that_goes_away(clock, monkeypatch):
 
     def interrupted_fit():
         with fit_progress():
-            report_part("starts", 0, 768)
+            fitting.get()("starts", 0, 768)
             clock[0] += 2.0
-            report_part("descents", 2, 5)
+            fitting.get()("descents", 2, 5)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -72,13 +73,15 @@ def test_on_a_terminal_it_is_a_bar_that_goes_away(clock, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.kernel
-def test_a_fit_tells_of_its_parts_and_a_short_one_prints_nothing(tmp_path, monkeypatch):
-    parts = []
-    monkeypatch.setattr(_Parts, "part", lambda self, *told: parts.append(told))
+def test_a_fit_reports_its_parts_and_a_short_one_prints_nothing(tmp_path):
     path = write_csv(tmp_path / "valve.csv", VALVE_HEADER, valve_rows(80))
     options = ["--lag", "0", "--hold", "command", "-o", str(tmp_path / "valve.toml")]
     done = CliRunner().invoke(main, ["fit", "valve", str(path), *options])
     assert (done.exit_code, done.stderr) == (0, ""), done
+    parts = []
+    token = fitting.set(lambda *part: parts.append(part) if part else None)
+    fc.fit_valve(path, lag=0, holds="command")
+    fitting.reset(token)
     assert {what for what, _, _ in parts} == {"starts", "descents", "values of the backlash"}
     assert [done for what, done, _ in parts if what == "descents"] == [0, 1, 2, 3, 4]
     assert all(done < of for _, done, of in parts)

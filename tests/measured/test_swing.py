@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from fastcoil.measured.measures import (
-    hagglund_gap,
-    half_periods,
     harris_index,
     in_control,
-    oscillation_index,
     settled,
     swing_of,
     travel,
@@ -86,26 +83,6 @@ def test_a_valve_that_stays_closed_is_out_of_control_and_one_that_touches_the_en
     assert found[2000:2030].all()
 
 
-def test_half_periods_have_the_duration_integral_and_peak_of_the_error_between_two_crossings():
-    e = np.where((np.arange(N) // 40) % 2, 0.5, -0.5)
-    found = half_periods(e, EVERYWHERE, INTERVAL)
-    assert found.duration.size == N // 40 - 2  # the first and the last are cut
-    np.testing.assert_allclose(found.duration, 400.0)
-    np.testing.assert_allclose(found.iae, 200.0)
-    np.testing.assert_allclose(found.peak, 0.5)
-    broken = EVERYWHERE.copy()
-    broken[100] = False
-    assert half_periods(e, broken, INTERVAL).duration.size == found.duration.size - 1
-
-
-def test_hagglunds_index_exceeds_1_for_a_loop_that_swings_by_more_than_a_tenth_of_a_kelvin():
-    swing = np.sin(2 * np.pi * TIME / 600 + 0.1)
-    assert oscillation_index(0.3 * swing, EVERYWHERE, INTERVAL, 600.0) > 1.0
-    assert oscillation_index(0.05 * swing, EVERYWHERE, INTERVAL, 600.0) == 0.0
-    once = np.where((TIME > 9000) & (TIME < 9600), 1.0, -0.001)
-    assert oscillation_index(once, EVERYWHERE, INTERVAL, 600.0) < 0.3
-
-
 def test_the_harris_index_is_0_for_noise_1_for_what_could_be_foretold_and_known_in_between():
     """Of an autoregression e = a e + s in steps of 30 s, two steps hold 1 - a⁴ of the variance."""
     noise = drawn(3).normal(0, 0.1, 8000)
@@ -117,16 +94,6 @@ def test_the_harris_index_is_0_for_noise_1_for_what_could_be_foretold_and_known_
     assert harris_index(e, np.ones(8000, bool), 30.0) == pytest.approx(a**4, abs=0.05)
     assert harris_index(e + 1.0, np.ones(8000, bool), 30.0) > a**4 + 0.05
     assert np.isnan(harris_index(e[:50], np.ones(50, bool), 30.0))
-
-
-def test_hagglunds_gap_of_a_square_error_is_what_the_integral_crosses():
-    e = np.where((np.arange(N) // 40) % 2, 0.5, -0.5)  # 400 s on each side
-    kp, ti, gain = 0.02, 50.0, 20.0
-    expected = kp * (400.0 / ti - 1.0 / (kp * gain)) * 0.5
-    assert hagglund_gap(e, EVERYWHERE, INTERVAL, kp, ti, gain) == pytest.approx(expected)
-    peaked = np.where(np.arange(N) % 40 == 0, 6.0, 0.5) * np.sign(e)
-    assert np.isnan(hagglund_gap(peaked, EVERYWHERE, INTERVAL, kp, ti, gain))
-    assert np.isnan(hagglund_gap(e, EVERYWHERE, INTERVAL, kp, 100.0, gain))  # shorter than 5 integral times
 
 
 def test_travel_and_turns_are_counted_in_a_day_of_operation():
