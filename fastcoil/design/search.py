@@ -15,11 +15,11 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arrays import Array
+from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.base.files import commit, exists, read_bytes, storage_errors
 
@@ -36,22 +36,22 @@ class Archive:
     """
 
     def __init__(self, parameters: Sequence[str], measures: Sequence[str], key: str, path: Path | None) -> None:
-        self._head = {"kind": _KIND, "format": _FORMAT, "key": key}
+        self._head: dict[str, Any] = {"kind": _KIND, "format": _FORMAT, "key": key}
         self._head |= {"parameters": list(parameters), "measures": list(measures)}
-        self._measures, self._path = measures, path
-        kept = _read(path, key, len(parameters) + len(measures)) if path is not None else []
-        d = len(parameters)
+        self._measures, self._path, d = measures, path, len(parameters)
+        kept = _read(path, key, d + len(measures)) if path is not None and exists(path) else []
         self._found = {tuple(row[:d]): tuple(row[d:]) for row in kept}
 
     def evaluated(self, values: Array, measure: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """The measures (n,) of tunings (n, d); ``measure`` is asked for those that nobody tried before."""
+        """The measures (n,) of tunings (n, d); ``measure`` computes those of tunings that are new."""
         rows = [tuple(row) for row in values.tolist()]
         new = list(dict.fromkeys(row for row in rows if row not in self._found))
         if new:
             found = measure(np.array(new))
             self._found |= zip(new, zip(*(found[name].tolist() for name in self._measures), strict=True), strict=True)
             if self._path is not None:
-                commit(self._path, self._text().encode())
+                tried = [[*row, *(v if math.isfinite(v) else None for v in of)] for row, of in self._found.items()]
+                commit(self._path, json.dumps(self._head | {"tried": tried}).encode())
         return self.table(rows)[1]
 
     def table(self, rows: Iterable[tuple[float, ...]]) -> tuple[Array, dict[str, Array]]:
@@ -60,43 +60,24 @@ class Archive:
         table = np.array([self._found[row] for row in rows])
         return np.array(rows), {name: table[:, k] for k, name in enumerate(self._measures)}
 
-    def _text(self) -> str:
-        rows = [[*row, *(value if math.isfinite(value) else None for value in of)] for row, of in self._found.items()]
-        lines = ",\n".join(json.dumps(row) for row in rows)
-        return json.dumps(self._head)[:-1] + f', "tried": [\n{lines}\n]}}\n'
-
 
 def _read(path: Path, key: str, width: int) -> list[list[float]]:
-    """The rows of a file; none if there is no file.  Refused if it is another tuning's, or damaged."""
-    if not exists(path):
-        return []
+    """The rows of a file, refused if it is another tuning's, or damaged."""
     try:
         with storage_errors(path, "read"):
             kept = json.loads(read_bytes(path, _LARGEST))
-        sound = kept["kind"] == _KIND and kept["format"] == _FORMAT
-        its_key = str(kept["key"])
+        is_sound, is_ours = (kept["kind"], kept["format"]) == (_KIND, _FORMAT), kept["key"] == key
         rows = [[math.inf if value is None else float(value) for value in row] for row in kept["tried"]]
     except (ValueError, TypeError, KeyError):
-        sound, its_key, rows = False, "", []
-    if sound and its_key != key:
+        is_sound = False
+    if is_sound and not is_ours:
         raise InputError(
             f"{path} keeps tunings of other valves, days, measures or another model: choose another file or folder, or "
             "delete it"
         )
-    if not sound or any(len(row) != width for row in rows):
+    if not is_sound or any(len(row) != width for row in rows):
         raise IntegrityError(f"{path} is no file of tunings, or damaged: delete it, or give another one")
     return rows
-
-
-Measured = Callable[[Array], "Scores"]
-"""From points (n, d) of the unit cube to their scores."""
-
-_SCALE = (0.3, 0.8)  # factor of a difference, drawn anew for each trial
-_LEAST = 8  # points of the smallest generation
-_MIXED = 0.8  # share of the axes that a trial takes from the new point
-_SMALL, _BEYOND = 0.02, 0.5
-"""Spread of the trials around the front, share of an axis; how far they go beyond two neighbours, of their distance."""
-_TINY = 1e-300
 
 
 class Scores(NamedTuple):
@@ -111,57 +92,55 @@ class Scores(NamedTuple):
     error: Array
     travel: Array
 
-    def joined(self, other: Scores) -> Scores:
-        return Scores(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
-    def at(self, index: np.ndarray) -> Scores:
-        return Scores(*(values[index] for values in self))
-
-
-class Effort(NamedTuple):
-    """Points of a generation; generations that seek the goal, the first one among them, and that go along the front."""
-
-    size: int
-    for_goal: int
-    for_front: int
-
-    @property
-    def points(self) -> int:
-        return self.size * (self.for_goal + self.for_front)
+_SCALE = (0.3, 0.8)  # factor of a difference, drawn anew for each trial
+_LEAST = 8  # points of the smallest generation
+_MIXED = 0.8  # share of the axes that a trial takes from the new point
+_SMALL, _BEYOND = 0.02, 0.5
+"""Spread of the trials around the front, share of an axis; how far they go beyond two neighbours, of their distance."""
+_TINY = 1e-300
 
 
-def effort(d: int, evaluations: int) -> Effort:
-    """What ``evaluations`` points of ``d`` axes are spent on: a quarter of them on the front."""
+def effort(d: int, evaluations: int) -> tuple[int, int, int]:
+    """How ``evaluations`` points of ``d`` axes are spent.
+
+    Returns the points of a generation, the generations that seek the goal, the first one among them, and those that go
+    along the front, a quarter.
+    """
     size = max(_LEAST, 4 * d)
     generations = max(1, round(evaluations / size))
-    for_front = generations // 4
-    return Effort(size, generations - for_front, for_front)
+    return size, generations - generations // 4, generations // 4
 
 
-def evolve(measured: Measured, first: Array, d: int, evaluations: int, seed: int) -> None:
-    """Search the unit cube; what is found is kept by whoever measures.
+def evolve(measured: Callable[[Array], Scores], first: Array, d: int, evaluations: int, seed: int) -> None:
+    """Search the unit cube; ``measured`` keeps what is found.
 
-    first: points (n, d) to begin with, besides those that fill the cube.  evaluations: see ``effort``.
+    measured: points (n, d) → their scores.  first: points (n, d) to begin with, besides those that fill the cube.
+    evaluations: see ``effort``.
     """
     rng = np.random.default_rng([seed, 2])
-    spent = effort(d, evaluations)
-    points = np.concatenate([first, _filling(rng, spent.size - len(first), d)])[: spent.size]
+    size, for_goal, for_front = effort(d, evaluations)
+    points = np.concatenate([first, _filling(rng, size - len(first), d)])[:size]
     scores = measured(points)
-    everything, all_scores = points, scores
-    # trials that leave the cube come back to its border
-    for _ in range(spent.for_goal - 1):
-        trials = _trials(rng, points, best(scores))
+    tried, of_tried = points, scores
+
+    def try_more(trials: Array) -> Scores:
+        nonlocal tried, of_tried
         found = measured(trials)
+        tried = np.concatenate([tried, trials])
+        of_tried = Scores(*map(np.concatenate, zip(of_tried, found, strict=True)))
+        return found
+
+    for _ in range(for_goal - 1):
+        trials = _trials(rng, points, best(scores))
+        found = try_more(trials)
         less, as_much = found.violation < scores.violation, found.violation == scores.violation
         better = less | (as_much & (found.goal <= scores.goal))
         points = np.where(better[:, None], trials, points)
         scores = Scores(*(np.where(better, new, old) for new, old in zip(found, scores, strict=True)))
-        everything, all_scores = np.concatenate([everything, trials]), all_scores.joined(found)
-    for _ in range(spent.for_front):
-        front = on_front(all_scores)
-        trials = _along(rng, everything[front], all_scores.at(front), spent.size)
-        found = measured(trials)
-        everything, all_scores = np.concatenate([everything, trials]), all_scores.joined(found)
+    for _ in range(for_front):
+        front = on_front(of_tried)
+        try_more(_along(rng, tried[front], of_tried.error[front], of_tried.travel[front], size))
 
 
 def best(scores: Scores) -> int:
@@ -169,7 +148,7 @@ def best(scores: Scores) -> int:
     return int(np.lexsort((scores.travel, scores.goal, scores.violation))[0])
 
 
-def on_front(scores: Scores) -> np.ndarray:
+def on_front(scores: Scores) -> Index:
     """Places of the points of which no other has both less travel and a lower error, in the order of the travel.
 
     Of the limits, that of the travel does not count.  Where no point keeps the others, those that break them least.
@@ -187,6 +166,7 @@ def _filling(rng: np.random.Generator, n: int, d: int) -> Array:
 
 
 def _trials(rng: np.random.Generator, points: Array, best_at: int) -> Array:
+    """A trial for each point; one that leaves the cube comes back to its border."""
     n, d = points.shape
     pairs = np.argsort(rng.random((n, n)), axis=1)[:, :2]
     scale = rng.uniform(*_SCALE, (n, 1))
@@ -196,16 +176,13 @@ def _trials(rng: np.random.Generator, points: Array, best_at: int) -> Array:
     return np.asarray(np.clip(np.where(mixed, new, points), 0.0, 1.0))
 
 
-def _along(rng: np.random.Generator, front: Array, scores: Scores, n: int) -> Array:
+def _along(rng: np.random.Generator, front: Array, error: Array, travel: Array, n: int) -> Array:
     """Points between neighbours on the front, most where these lie far apart, a little beyond them and some way off."""
+    at, step = np.zeros(n, dtype=int), np.zeros((n, front.shape[1]))
     if len(front) > 1:
-        gaps = sum(
-            np.abs(np.diff(values)) / max(float(np.ptp(values)), _TINY) for values in (scores.error, scores.travel)
-        )
+        gaps = sum(np.abs(np.diff(values)) / max(float(np.ptp(values)), _TINY) for values in (error, travel))
         at = np.minimum(np.searchsorted(np.cumsum(gaps) / np.sum(gaps), rng.random(n)), len(front) - 2)
         step = front[at + 1] - front[at]
-    else:
-        at, step = np.zeros(n, dtype=int), np.zeros((n, front.shape[1]))
     way = rng.uniform(-_BEYOND, 1.0 + _BEYOND, (n, 1))
     new = front[at] + way * step + _SMALL * rng.standard_normal((n, front.shape[1]))
     return np.asarray(np.clip(new, 0.0, 1.0))

@@ -146,15 +146,15 @@ def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
 
 def run_tuning(asked: Asked, path: Path | None = None, progress: Report | None = None) -> Tuning:
     """Search, choose, and try the choice on the hold-out."""
-    space, measures, training = asked.space, asked.measures, asked.training
+    measures, training = asked.measures, asked.training
     asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(asked, training), measures)))
-    archive = Archive(space.names, [measure.name for measure in measures], key_of(asked), path)
+    archive = Archive(asked.names, [measure.name for measure in measures], key_of(asked), path)
     seen: dict[tuple[float, ...], None] = {}
     done = 0
 
     def scored(points: Array) -> Scores:
         nonlocal done
-        values = space.values(points)
+        values = asked.values(points)
         found = archive.evaluated(values, lambda new: measured(tried(asked, training, new), measures))
         seen.update(dict.fromkeys(map(tuple, values.tolist())))
         done += len(points)
@@ -162,7 +162,7 @@ def run_tuning(asked: Asked, path: Path | None = None, progress: Report | None =
             progress(done, asked.planned)
         return scores_of(asked, found)
 
-    evolve(scored, _beginning(asked), len(space.axes), asked.evaluations, asked.seed)
+    evolve(scored, _beginning(asked), len(asked.axes), asked.evaluations, asked.seed)
     values, found = archive.table(seen)
     scores = scores_of(asked, found)
     at = best(scores)
@@ -174,7 +174,7 @@ def run_tuning(asked: Asked, path: Path | None = None, progress: Report | None =
     front = on_front(scores)
     if front.size > _MOST_ON_FRONT:  # some points of it evenly along, both ends among them
         front = front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))]
-    parameters = dict(zip(space.names, values[at].tolist(), strict=True))
+    parameters = dict(zip(asked.names, values[at].tolist(), strict=True))
     meets_limits = float(scores.violation[at]) == 0.0
     trained, held_out = (_beside_now(asked, group, values[at]) for group in (training, asked.holdout))
     of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
@@ -208,20 +208,20 @@ def scores_of(asked: Asked, found: Mapping[str, Array]) -> Scores:
 
 def _beginning(asked: Asked) -> Array:
     """The loop's own settings and those after SIMC as points (n, d): medians where its valves differ."""
-    own = {name: asked.training.loop[name] for name in asked.space.names}
+    own: dict[str, Any] = {name: asked.training.loop[name] for name in asked.names}
     if any(value is None for value in own.values()):
         return np.empty((0, len(own)))
-    medians = {name: float(np.median(np.asarray(value))) for name, value in own.items()}
-    gains = own_gains(asked.training, asked.space, asked.warm_up)
-    after_simc = {name: float(np.median(values)) for name, values in gains.items()}
-    points = [medians, medians | after_simc] if after_simc else [medians]
-    return np.array([asked.space.point(values) for values in points])
+    gains = own_gains(asked.training, asked.names, asked.warm_up)
+    tunings = [own, own | gains] if gains else [own]
+    return np.array(
+        [[axis.share(float(np.median(np.asarray(of[axis.name])))) for axis in asked.axes] for of in tunings]
+    )
 
 
 def _beside_now(asked: Asked, group: Group, chosen: Array) -> xr.Dataset:
     """The chosen settings on a group, and the loop as it came beside."""
     of_tunings = {NOW: as_it_is(asked, group), CHOSEN: tried(asked, group, chosen[None])}
-    own = own_gains(group, asked.space, asked.warm_up)
+    own = own_gains(group, asked.names, asked.warm_up)
     if own:
         of_tunings[SIMC] = as_it_is(asked, group, own)
     cases = {metric: np.concatenate([of[metric] for of in of_tunings.values()]) for metric in of_tunings[NOW]}
@@ -232,8 +232,8 @@ def _beside_now(asked: Asked, group: Group, chosen: Array) -> xr.Dataset:
 def _dataset(dim: str, asked: Asked, values: Array, found: Mapping[str, Array]) -> xr.Dataset:
     """Settings and measures of some tunings."""
     variables: dict[str, Any] = {}
-    for axis, column in zip(asked.space.axes, values.T, strict=True):
-        variables[axis.parameter.name] = (dim, column, {"long_name": axis.parameter.text, "units": axis.parameter.unit})
+    for axis, column in zip(asked.axes, values.T, strict=True):
+        variables[axis.name] = (dim, column, {"long_name": axis.parameter.text, "units": axis.parameter.unit})
     for measure in asked.measures:
         variables[measure.name] = (dim, found[measure.name], measure.attrs)
     return xr.Dataset(variables)

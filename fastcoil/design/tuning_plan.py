@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, is_number, mapping_of, plain, whole_of
-from fastcoil.base.arrays import Array
+from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.describing_function import unknown
 from fastcoil.design.limit_cycle import limit_cycle
@@ -34,8 +34,7 @@ from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.model.parameter_table import Parameter, check_name
 
 _GROUPS = ("controller", "inverse", "estimator", "learner", "hagglund", "gradient", "identify")
-"""Groups of parameters that a controller has; the others belong to the plant."""
-_OF_THE_PLANT = ("plant_gain",)
+"""Groups of parameters that a controller has; the others belong to the plant, and so does ``plant_gain``."""
 _WIDE = 5.0  # an axis whose ends are positive and this many times apart is searched in logarithms
 _DIGITS = 4  # significant digits of a value that is tried: the one that is quoted was tried itself
 _NEAR = 0.01  # share of an axis that counts as its end
@@ -49,6 +48,10 @@ class Axis(NamedTuple):
     high: float
 
     @property
+    def name(self) -> str:
+        return self.parameter.name
+
+    @property
     def is_log(self) -> bool:
         return self.low > 0.0 and self.high >= _WIDE * self.low
 
@@ -58,9 +61,8 @@ class Axis(NamedTuple):
             found = self.low * (self.high / self.low) ** shares
         else:
             found = self.low + (self.high - self.low) * shares
-        if self.parameter.whole:
-            return np.asarray(np.clip(np.rint(found), self.low, self.high))
-        rounded = np.array([float(f"{value:.{_DIGITS}g}") for value in found])
+        whole = self.parameter.whole
+        rounded = np.rint(found) if whole else np.array([float(f"{value:.{_DIGITS}g}") for value in found])
         return np.asarray(np.clip(rounded, self.low, self.high))
 
     def share(self, value: float) -> float:
@@ -79,89 +81,67 @@ class Axis(NamedTuple):
         return "upper" if share > 1.0 - _NEAR and self.high < self.parameter.upper else ""
 
 
-class Space(NamedTuple):
-    """The axes of a search."""
-
-    axes: tuple[Axis, ...]
-
-    @property
-    def names(self) -> list[str]:
-        return [axis.parameter.name for axis in self.axes]
-
-    def values(self, points: Array) -> Array:
-        """Values of the parameters at points (n, d) of the unit cube."""
-        return np.stack([axis.values(points[:, k]) for k, axis in enumerate(self.axes)], axis=1)
-
-    def point(self, values: Mapping[str, float]) -> Array:
-        """The point (d,) of some values, moved to the nearest end where one lies outside."""
-        return np.array([axis.share(values[axis.parameter.name]) for axis in self.axes])
-
-
 def may_be_searched(parameter: Parameter) -> bool:
     """Whether it is a number that a controller has."""
-    return parameter.group in _GROUPS and parameter.name not in _OF_THE_PLANT and not parameter.is_word
+    return parameter.group in _GROUPS and parameter.name != "plant_gain" and not parameter.is_word
 
 
-def space_of(search: object, loop: Loop) -> Space:
-    """The axes from ``{name: (low, high)}``."""
+def axes_of(search: object, loop: Loop) -> tuple[Axis, ...]:
+    """The axes of a search from ``{name: (low, high)}``."""
     cure = 'give bounds by parameter, such as {"kp": (0.005, 0.1), "ti": (5, 600)}'
     given: Mapping[str, object] = mapping_of("search", search, cure)
     if not given:
         raise InputError(f"search is empty: {cure}")
-    with checking() as check:
-        axes = [check(_axis, name, bounds, loop) for name, bounds in given.items()]
-    space = Space(tuple(axes))
-    problems = []
-    if {"backlash_estimate", "estimate_ratio"} <= set(space.names):
+    axes, problems = [], list[str]()
+    for name, bounds in given.items():
+        try:
+            axes.append(_axis(name, bounds, loop))
+        except InputError as error:
+            problems += [type(problem)(f"search: {problem}") for problem in error.problems]
+    if {"backlash_estimate", "estimate_ratio"} <= given.keys():
         problems.append("search: estimate_ratio stands in for backlash_estimate: search one or the other")
-    kept = {str(dim) for name, value in loop.swept.items() if name not in space.names for dim in value.dims}
+    kept = {dim for name, value in loop.swept.items() if name not in given for dim in value.dims}
     problems += [
         f"search: {name} is swept along {dim!r}, where nothing else varies: leave it out of the loop's sweep, or put "
         "it along the dim of the valves"
-        for name, value in loop.swept.items()
-        if name in space.names
-        for dim in value.dims
+        for name in given.keys() & loop.swept.keys()
+        for dim in loop.swept[name].dims
         if dim not in kept
     ]
     if problems:
         raise InputError(problems)
-    return space
+    return tuple(axes)
 
 
 def _axis(name: str, bounds: object, loop: Loop) -> Axis:
-    try:
-        parameter = loop.parameters[check_name(name, loop.parameters)]
-    except InputError as error:
-        raise InputError([f"search: {problem}" for problem in error.problems]) from None
-    own = {n for rule in loop.rules.values() for n in rule.own}
-    if name not in own and (parameter.group not in _GROUPS or name in _OF_THE_PLANT):
+    parameter = loop.parameters[check_name(name, loop.parameters)]
+    if parameter.is_word:
+        raise InputError(f"{name} is a word: tune the loop with each of {parameter.bounds} and compare")
+    if not may_be_searched(parameter) and not any(name in rule.own for rule in loop.rules.values()):
         raise InputError(
-            f"search: {name} is not the controller's to choose: draw it in the population, as a dim of the loop, and "
+            f"{name} is not the controller's to choose: draw it in the population, as a dim of the loop, and "
             "search kp, ti, buffer or another setting of the controller"
         )
-    if parameter.is_word:
-        raise InputError(f"search: {name} is a word: tune the loop with each of {parameter.bounds} and compare")
     pair = plain(bounds)
     if not isinstance(pair, (list, tuple)) or len(pair) != 2 or not all(map(is_number, pair)):
-        raise InputError(WrongType(f"search: {name} = {shown(bounds)}: give two numbers, (lowest, highest)"))
+        raise InputError(WrongType(f"{name} = {shown(bounds)}: give two numbers, (lowest, highest)"))
     low, high = (float(plain(end)) for end in pair)
-    wrong = [f"search: {problem}" for end in (low, high) if (problem := parameter.problem(end))]
+    wrong = [problem for end in (low, high) if (problem := parameter.problem(end))]
     if wrong:
         raise InputError(wrong)
     if not low < high:
-        raise InputError(f"search: {name} = {shown(bounds)}: the lowest value must be below the highest")
+        raise InputError(f"{name} = {shown(bounds)}: the lowest value must be below the highest")
     return Axis(parameter, low, high)
 
 
 OBJECTIVE, QUANTILE, EVALUATIONS = "rmse", 0.95, 240
 MOST_EVALUATIONS = 100_000
-_MOST_CORNERS = 6  # axes of which all combinations of ends are looked at
 
 
 class Asked(NamedTuple):
     """A tuning that can be made: what is searched, for what, on whom, who is held out, and how it is tried."""
 
-    space: Space
+    axes: tuple[Axis, ...]
     goal: Measure
     limits: tuple[Limit, ...]
     measures: tuple[Measure, ...]
@@ -173,6 +153,15 @@ class Asked(NamedTuple):
     replicates: int
     n_jobs: int | None = None
 
+    @property
+    def names(self) -> list[str]:
+        """The parameters that are searched."""
+        return [axis.name for axis in self.axes]
+
+    def values(self, points: Array) -> Array:
+        """Values of the parameters at points (n, d) of the unit cube."""
+        return np.stack([axis.values(points[:, k]) for k, axis in enumerate(self.axes)], axis=1)
+
     def cases(self, group: Group) -> int:
         """Scenario-days of one tuning on a group."""
         return len(group.members) * group.boundary.n_days * self.replicates
@@ -180,7 +169,8 @@ class Asked(NamedTuple):
     @property
     def planned(self) -> int:
         """How many tunings are tried: whole generations."""
-        return effort(len(self.space.axes), self.evaluations).points
+        size, for_goal, for_front = effort(len(self.axes), self.evaluations)
+        return size * (for_goal + for_front)
 
     @property
     def travel(self) -> Measure:
@@ -212,7 +202,7 @@ def plan_tuning(
         check(instance_of, "loop", loop, Loop, "give a Loop, such as Loop.preset('lbnl')")
         check(instance_of, "boundary", boundary, Boundary, "give a Boundary, such as paper_day(seed=[1, 2, 3])")
     with checking() as check:
-        space = check(space_of, search, loop)
+        axes = check(axes_of, search, loop)
         goal = check(goal_of, objective, quantile)
         limited = check(limits_of, limits, quantile)
         asked = check(whole_of, "evaluations", evaluations, 1, MOST_EVALUATIONS)
@@ -220,26 +210,22 @@ def plan_tuning(
         seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
         replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
         groups = check(split, loop, boundary, holdout, seed or 0)
+    # all combinations of lowest and highest values: what cannot be together shows there
+    corners = zip(*product(*((axis.low, axis.high) for axis in axes[:_MOST_CORNERS])), strict=True)
+    at = {axis.name: (TUNING, list(ends)) for axis, ends in zip(axes, corners, strict=False)}
+    rest = {axis.name: axis.low for axis in axes[_MOST_CORNERS:]}
     for group in groups:
         plan_simulation(group.loop, group.boundary, warm_up=warm_up, seed=seed, replicates=replicates)
-        corners = _at_the_corners(group.loop, space)
         extremes = group.boundary.extremes
-        check_clashes(corners, np.array(extremes["T_set"]), extremes["backlash_scale"][0])
+        ends = group.loop.assign(**at, **rest)
+        check_clashes(ends, np.array(extremes["T_set"]), extremes["backlash_scale"][0])
         if any(limit.measure.metric == MARGIN for limit in limited):
-            require_margins(corners)
-    return Asked(
-        space, goal, tuple(limited), tuple(reported(goal, limited)), *groups, asked, warm_up, seed, replicates
-    )  # fmt: skip
+            require_margins(ends)
+    measures = tuple(reported(goal, limited))
+    return Asked(axes, goal, tuple(limited), measures, *groups, asked, warm_up, seed, replicates)
 
 
-def _at_the_corners(loop: Loop, space: Space) -> Loop:
-    """The loop with all combinations of the lowest and highest values: what cannot be together shows there."""
-    corners = list(product(*((axis.low, axis.high) for axis in space.axes[:_MOST_CORNERS])))
-    at = {name: (TUNING, [corner[k] for corner in corners]) for k, name in enumerate(space.names[:_MOST_CORNERS])}
-    rest = {axis.parameter.name: axis.low for axis in space.axes[_MOST_CORNERS:]}
-    return loop.assign(**at, **rest)
-
-
+_MOST_CORNERS = 6  # axes of which all combinations of ends are looked at
 ONE_OF = 3
 """One valve of so many is held out, and one day."""
 VALVE, TUNING = "sample", "tuning"
@@ -259,7 +245,7 @@ class Group(NamedTuple):
         return f"{valves:,} valve{'s' * (valves > 1)} × {days:,} day{'s' * (days > 1)}"
 
 
-def held_valves(backlash: np.ndarray, seed: int) -> np.ndarray:
+def held_valves(backlash: Array, seed: int) -> Index:
     """One of every three valves, drawn, in the order of their backlash (n,); sorted positions.
 
     So both groups have good valves and bad ones alike; what is left over at the end is not held out.
@@ -270,7 +256,7 @@ def held_valves(backlash: np.ndarray, seed: int) -> np.ndarray:
     return np.sort(threes[np.arange(threes.shape[0]), drawn])
 
 
-def part_of(loop: Loop, members: np.ndarray) -> Loop:
+def part_of(loop: Loop, members: Index) -> Loop:
     """These members of the population, along one dim."""
     if not loop.sizes:
         return loop
@@ -284,33 +270,30 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
     if isinstance(holdout, Boundary):
         _require_comparable(boundary, holdout)
         return boundary, holdout.isel(day=np.arange(holdout.n_days))
-    if holdout is None:
-        if n < 2:
-            raise InputError(
-                "boundary is a single day, so that none is left to hold out: give several days, such as "
-                "paper_day(seed=[1, 2, 3]), or others with holdout=…"
-            )
-        held = np.arange(n - max(1, n // ONE_OF), n)
-    else:
-        held = _labelled(boundary, holdout)
+    held = np.arange(n - max(1, n // ONE_OF), n) if holdout is None else _labelled(boundary, holdout)
+    if held.size == n:
+        if holdout is not None:
+            raise InputError(f"holdout has all {n} days of the boundary: leave some to tune on")
+        raise InputError(
+            "boundary is a single day, so that none is left to hold out: give several days, such as "
+            "paper_day(seed=[1, 2, 3]), or others with holdout=…"
+        )
     kept = np.setdiff1d(np.arange(n), held)
     return boundary.isel(day=kept), boundary.isel(day=held)
 
 
-def _labelled(boundary: Boundary, holdout: Any) -> np.ndarray:
-    cure = "give a Boundary of other days, or labels of some days of the boundary, such as [3, 4]"
+def _labelled(boundary: Boundary, holdout: Any) -> Index:
+    """Places of the days with these labels."""
     listed = isinstance(holdout, (list, tuple, range)) or (isinstance(holdout, np.ndarray) and holdout.ndim == 1)
     labels = [plain(label) for label in holdout] if listed else []
     if not labels or not all(map(is_number, labels)):
+        cure = "give a Boundary of other days, or labels of some days of the boundary, such as [3, 4]"
         raise InputError(WrongType(f"holdout = {shown(holdout)}: {cure}"))
     known = boundary.day.tolist()
-    unknown = [label for label in labels if label not in known]
-    if unknown:
-        raise InputError(f"holdout: the boundary has no day {shown(unknown[0])}; it has {shown(known)}")
-    held = np.array(sorted({known.index(label) for label in labels}))
-    if held.size == boundary.n_days:
-        raise InputError(f"holdout has all {held.size} days of the boundary: leave some to tune on")
-    return held
+    missing = [label for label in labels if label not in known]
+    if missing:
+        raise InputError(f"holdout: the boundary has no day {shown(missing[0])}; it has {shown(known)}")
+    return np.array(sorted({known.index(label) for label in labels}))
 
 
 def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
@@ -319,12 +302,12 @@ def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
             f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long, since travel adds up"
         )
 
-    def digest_of(days: Boundary, k: int) -> bytes:
+    def series(days: Boundary, k: int) -> bytes:
         return hashlib.sha256(b"".join(values.tobytes() for values in days.of_day(k).values())).digest()
 
-    before = {digest_of(boundary, k): boundary.day[k] for k in range(boundary.n_days)}
+    searched = {series(boundary, k): boundary.day[k] for k in range(boundary.n_days)}
     for k in range(holdout.n_days):
-        same = before.get(digest_of(holdout, k))
+        same = searched.get(series(holdout, k))
         if same is not None:
             raise InputError(
                 f"holdout: its day {holdout.day[k]} is day {same} of the boundary: give days that it does not have"
@@ -333,21 +316,14 @@ def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
 
 def split(loop: Loop, boundary: Boundary, holdout: object, seed: int) -> tuple[Group, Group]:
     """The valves and days to tune on, and others to try the tuning on; with fewer than three valves the same ones."""
-    n = math.prod(loop.sizes.values())
+    everyone = np.arange(math.prod(loop.sizes.values()))
     tuned_on, tried_on = split_days(boundary, holdout)
-    backlash = np.broadcast_to(columns_of(loop, loop.sizes, np.arange(n))["backlash"], n)
-    held = held_valves(backlash, seed)
-    everyone = np.arange(n)
+    held = held_valves(columns_of(loop, loop.sizes, everyone)["backlash"], seed)
     kept, held = (np.setdiff1d(everyone, held), held) if held.size else (everyone, everyone)
     return (
         Group(part_of(loop, kept), tuned_on, tuple(kept.tolist())),
         Group(part_of(loop, held), tried_on, tuple(held.tolist())),
     )
-
-
-def has_good_valve(loop: Loop) -> bool:
-    """Whether a valve without backlash is in the population."""
-    return bool(np.any(np.asarray(xr.DataArray(loop["backlash"])) == 0.0))
 
 
 def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
@@ -386,13 +362,13 @@ def mean_days(boundary: Boundary, warm_up: int) -> Boundary:
 GAINS = ("kp", "ti")
 
 
-def own_gains(group: Group, space: Space, warm_up: int) -> dict[str, Array]:
+def own_gains(group: Group, names: Sequence[str], warm_up: int) -> dict[str, Array]:
     """kp and ti after SIMC for each valve of a group, (valve,): the median of its days at their mean conditions.
 
     A valve that cannot hold the set-point on any day gets the median of the others.  Empty where kp and ti are not what
     is searched, or SIMC gives no valve anything.
     """
-    if not set(GAINS) <= set(space.names):
+    if not set(GAINS) <= set(names):
         return {}
     ds = linearise(group.loop, mean_days(group.boundary, warm_up), at=0)
     n = len(group.members)
@@ -416,7 +392,7 @@ def tried(asked: Asked, group: Group, values: Array) -> dict[str, Array]:
     step = max(1, _MOST_AT_ONCE // asked.cases(group))
     parts = []
     for k in range(0, len(values), step):
-        columns = zip(asked.space.names, values[k : k + step].T, strict=True)
+        columns = zip(asked.names, values[k : k + step].T, strict=True)
         parts.append(_cases(asked, group, group.loop.assign(**{name: (TUNING, column) for name, column in columns})))
     return {metric: np.concatenate([part[metric] for part in parts]) for metric in parts[0]}
 
@@ -447,7 +423,7 @@ def measured(cases: Mapping[str, Array], measures: Sequence[Measure]) -> dict[st
 
 def key_of(asked: Asked) -> str:
     """Hash of everything that decides what is measured of a tuning: the model, the valves, the days, the noise."""
-    (loop, boundary, _), names = asked.training, asked.space.names
+    (loop, boundary, _), names = asked.training, asked.names
     digest = hashlib.sha256(model_sha256(frozenset(words_used(loop, "estimator"))).encode())
     known = {name: value for name, value in loop.constants.items() if name not in names}
     parts = [json.dumps(known), boundary.sha256, json.dumps([asked.warm_up, asked.seed, asked.replicates])]

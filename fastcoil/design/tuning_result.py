@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,17 +13,17 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, mark_logarithms, wrapped
-from fastcoil.base.results import Result, as_toml, in_toml
+from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.design.measures import CHANGE, Limit, Measure
-from fastcoil.design.tuning_plan import ONE_OF, Asked, has_good_valve
+from fastcoil.design.tuning_plan import ONE_OF, Asked
 from fastcoil.loops.labels import quantity
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
+NOW, CHOSEN, SIMC = "now", "chosen", "simc"
 _FEW_VALVES, _FEW_DAYS = 20, 3
 _IN_THE_TAIL = 3  # valves held out that should lie above a quantile, or it is little more than the worst of them
 
@@ -32,68 +32,50 @@ def notes_on(
     asked: Asked, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset
 ) -> tuple[str, ...]:
     """Failures first, then what the search ran into, then what the population lacks."""
-    return (*_failures(asked, parameters, meets_limits, held_out), *_lacks(asked))
-
-
-def _failures(asked: Asked, parameters: Mapping[str, float], meets_limits: bool, held_out: xr.Dataset) -> Iterator[str]:
+    notes = []
     if not meets_limits:
-        yield "No tuning in these ranges keeps every limit: widen the ranges, raise a limit, or mend the valves."
+        notes.append(
+            "No tuning in these ranges keeps every limit: widen the ranges, raise a limit, or mend the valves."
+        )
     for limit in asked.limits:
-        there = held_out[limit.measure.name].sel(edge="value")
-        value, now = float(there.sel(tuning=CHOSEN)), float(there.sel(tuning=NOW))
-        most = now if limit.as_now else limit.most
+        value, now = (float(held_out[limit.measure.name].sel(tuning=t, edge="value")) for t in (CHOSEN, NOW))
+        most, words = (now, ", what it is there now") if limit.as_now else (limit.most, "")
         if not value <= most:
-            words = ", what it is there now" if limit.as_now else ""
-            yield (
-                f"The hold-out breaks a limit: {limit.measure.words}, is {limit.measure.shown(value)} there, above "
-                f"{limit.measure.shown(most)}{words}."
+            there, allowed = limit.measure.shown(value), limit.measure.shown(most)
+            notes.append(
+                f"The hold-out breaks a limit: {limit.measure.words}, is {there} there, above {allowed}{words}."
             )
     low, high = (float(held_out[CHANGE].sel(tuning=CHOSEN, edge=edge)) for edge in ("low", "high"))
     if low > 0.0:
-        yield "On the hold-out the objective is worse than now."
+        notes.append("On the hold-out the objective is worse than now.")
     elif high >= 0.0:
-        yield "On the hold-out the objective does not differ from now beyond chance."
-    for axis in asked.space.axes:
-        name = axis.parameter.name
-        end = axis.end(parameters[name])
+        notes.append("On the hold-out the objective does not differ from now beyond chance.")
+    for axis in asked.axes:
+        value, end = parameters[axis.name], axis.end(parameters[axis.name])
         if end:
-            yield f"{name} = {parameters[name]:g} lies at the {end} end of its range: the best may lie beyond."
-
-
-def _needed(measure: Measure) -> int:
-    """Valves held out that a measure needs."""
-    if measure.quantile is None or measure.quantile == 1.0:
-        return _FEW_VALVES
-    return max(_FEW_VALVES, math.ceil(_IN_THE_TAIL / (1.0 - measure.quantile) - 1e-9))
-
-
-def _lacks(asked: Asked) -> Iterator[str]:
+            notes.append(f"{axis.name} = {value:g} lies at the {end} end of its range: the best may lie beyond.")
     training, tried = asked.training, asked.holdout
-    valves, shared = len(set(training.members) | set(tried.members)), training.members == tried.members
-    if not (has_good_valve(training.loop) or has_good_valve(tried.loop)):
-        yield (
+    if not any(np.any(np.asarray(group.loop["backlash"]) == 0.0) for group in (training, tried)):
+        notes.append(
             "No valve of the population is without backlash: add some with backlash = 0, or what was chosen may make a "
             "good valve worse."
         )
-    if shared:
-        yield (
-            f"The population has {valves} valve{'s' * (valves > 1)}, so none is held out, only days: nothing says how "
-            "the tuning does on another valve."
+    n, days = len(tried.members), tried.boundary.n_days
+    quantiles = [measure.quantile for measure in asked.measures if measure.quantile not in (None, 1.0)]
+    needed = max([_FEW_VALVES, *(math.ceil(_IN_THE_TAIL / (1.0 - q) - 1e-9) for q in quantiles if q)])
+    if training.members == tried.members:
+        notes.append(
+            f"The population has {n} valve{'s' * (n > 1)}, so none is held out, only days: nothing says how the tuning "
+            "does on another valve."
         )
-    elif len(tried.members) < (needed := max(map(_needed, asked.measures))):
-        yield (
-            f"{len(tried.members)} valves held out are few for these quantiles: draw {ONE_OF * needed} or more in all."
-        )
-    if tried.boundary.n_days < _FEW_DAYS:
-        days = tried.boundary.n_days
-        yield (
+    elif n < needed:
+        notes.append(f"{n} valves held out are few for these quantiles: draw {ONE_OF * needed} or more in all.")
+    if days < _FEW_DAYS:
+        notes.append(
             f"The hold-out has {days} day{'s' * (days > 1)}, so that the intervals hold "
-            + ("no" if days == 1 else "little of the")
-            + " scatter between days: give more with holdout."
+            f"{'no' if days == 1 else 'little of the'} scatter between days: give more with holdout."
         )
-
-
-NOW, CHOSEN, SIMC = "now", "chosen", "simc"
+    return tuple(notes)
 
 
 def value_of(name: str, value: float) -> str:
@@ -103,24 +85,18 @@ def value_of(name: str, value: float) -> str:
 
 def table_rows(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[list[str]]:
     """Every measure of every tuning and its limit as cells, the heads first."""
-    limit = {}
-    for each in limits:
-        now = float(ds[each.measure.name].sel(tuning=NOW, edge="value"))
-        limit[each.measure.name] = each.measure.shown(now if each.as_now else each.most)
-    tunings = [str(t) for t in ds["tuning"].values]
-    rows = [["", *(_LOOKS[t][2] for t in tunings), *(["limit"] if limit else [])]]
-    for name, variable in ds.data_vars.items():
-        if name == CHANGE:
-            continue
-        cells = [_cell(str(name).rpartition("_")[0], variable.sel(tuning=t).values) for t in tunings]
-        rows.append([variable.attrs["long_name"], *cells, *([limit.get(str(name), "")] if limit else [])])
+    tunings, limited = ds["tuning"].values.tolist(), {limit.measure.name: limit for limit in limits}
+    rows = [["", *(_LOOKS[name][2] for name in tunings), *["limit"] * bool(limits)]]
+    for name, variable in ds.drop_vars(CHANGE).data_vars.items():
+        factor = quantity(str(name).rpartition("_")[0]).factor
+        cells = [variable.attrs["long_name"]]
+        for value, low, high in factor * variable.transpose("tuning", "edge").values:
+            cells.append(f"{value:.3g}" + (f" ({low:.3g} to {high:.3g})" if not math.isnan(low) else ""))
+        limit = limited.get(str(name))
+        if limit is not None:
+            cells.append(limit.measure.shown(float(variable[0, 0]) if limit.as_now else limit.most))
+        rows.append([*cells, *[""] * (len(rows[0]) - len(cells))])
     return rows
-
-
-def _cell(metric: str, edges: object) -> str:
-    factor = quantity(metric).factor
-    value, low, high = (f"{factor * float(x):.3g}" for x in edges)  # type: ignore[attr-defined]
-    return value if low == "nan" else f"{value} ({low} to {high})"
 
 
 _SIZE = (6.5, 4.6)
@@ -135,50 +111,35 @@ def draw_front(tuning: Tuning) -> Figure:
 
     fig = Figure(figsize=_SIZE, layout="constrained")
     axes = fig.add_subplot()
-    error, travel = tuning.axes
-    there, here = (_places(tuning.front, prefix, travel, error) for prefix in ("", "held_out_"))
-    for k in range(there[0].size):
-        axes.plot([there[0][k], here[0][k]], [there[1][k], here[1][k]], color=GREY, lw=0.6, zorder=1)
-    axes.plot(*there, "o-", color=BLUE, ms=3, label="front where it was searched")
-    axes.plot(*here, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
+    measures = tuning.axes[::-1]  # travel below, error on the left
+
+    def scaled(values: Array, measure: Measure) -> Array:
+        values = values * quantity(measure.metric).factor
+        return np.where(np.isfinite(values), values, np.nan)
+
+    found, held = ([scaled(tuning.front[prefix + m.name].values, m) for m in measures] for prefix in ("", "held_out_"))
+    axes.plot([found[0], held[0]], [found[1], held[1]], color=GREY, lw=0.6, zorder=1)
+    axes.plot(*found, "o-", color=BLUE, ms=3, label="front where it was searched")
+    axes.plot(*held, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
     for name in tuning.held_out["tuning"].values:
-        _point(axes, tuning.held_out.sel(tuning=name), _LOOKS[str(name)], travel, error)
+        marker, colour, words = _LOOKS[str(name)]
+        edges = [scaled(tuning.held_out[measure.name].sel(tuning=name).values, measure) for measure in measures]
+        if np.isfinite([value for value, *_ in edges]).all():
+            bars = [np.abs([[value - low], [high - value]]) for value, low, high in edges]
+            looks: dict[str, Any] = {"color": colour, "ms": 6, "lw": 1.0, "capsize": 2, "zorder": 3}
+            looks |= {"xerr": bars[0], "yerr": bars[1]} if np.isfinite(bars).all() else {}
+            axes.errorbar(edges[0][0], edges[1][0], fmt=marker, label=f"{words}, held out", **looks)
     for limit in tuning.limits:
-        if limit.measure in (error, travel):
-            at = limit.most * quantity(limit.measure.metric).factor
-            line = axes.axvline if limit.measure == travel else axes.axhline
-            line(at, color="black", lw=1.0, ls=DOTTED, label="limit")
-    axes.set(xlabel=travel.words, ylabel=error.words)
-    for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
-        scale("log")
-        mark_logarithms(axis)
+        if limit.measure in measures:
+            line = axes.axvline if limit.measure == measures[0] else axes.axhline
+            line(limit.most * quantity(limit.measure.metric).factor, color="black", lw=1.0, ls=DOTTED, label="limit")
+    axes.set(xlabel=measures[0].words, ylabel=measures[1].words, xscale="log", yscale="log")
+    mark_logarithms(axes.xaxis)
+    mark_logarithms(axes.yaxis)
     groups = f"Searched on {tuning.trained.attrs['group']}, held out {tuning.held_out.attrs['group']}."
-    words = f"{groups}  Bars: 95 % for other valves and days."
-    axes.set_title(wrapped(words, _TITLE, 9), loc="left")
+    axes.set_title(wrapped(f"{groups}  Bars: 95 % for other valves and days.", _TITLE, 9), loc="left")
     axes.legend(frameon=False)
     return fig
-
-
-def _places(front: xr.Dataset, prefix: str, *measures: Measure) -> list[Array]:
-    found = [front[prefix + measure.name].values * quantity(measure.metric).factor for measure in measures]
-    return [np.where(np.isfinite(values), values, np.nan) for values in found]
-
-
-def _point(axes: Axes, one: xr.Dataset, look: tuple[str, str, str], *measures: Measure) -> None:
-    """A tuning on the hold-out with its intervals."""
-    marker, colour, words = look
-    x, y = (one[measure.name].values * quantity(measure.metric).factor for measure in measures)
-    if not (np.isfinite(x[0]) and np.isfinite(y[0])):
-        return
-    known = np.isfinite(x).all() and np.isfinite(y).all()
-    bars: dict[str, Any] = {"xerr": _bars(x), "yerr": _bars(y)} if known else {}
-    axes.errorbar(
-        x[0], y[0], **bars, fmt=marker, color=colour, ms=6, lw=1.0, capsize=2, zorder=3, label=f"{words}, held out"
-    )  # fmt: skip
-
-
-def _bars(edges: Array) -> Array:
-    return np.maximum([[edges[0] - edges[1]], [edges[2] - edges[0]]], 0.0)
 
 
 @dataclass(frozen=True, repr=False)
@@ -254,11 +215,9 @@ class Tuning(Result):
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
         chosen = self.parameters if self.meets_limits else {}
         lines += ["", "[loop]", *(f"{name} = {value_of(name, value)}" for name, value in chosen.items())]
-        lines += ["", "[fit]", 'kind = "tuning"', f"objective = {in_toml(self.objective.name)}"]
-        lines += [f"meets_limits = {in_toml(self.meets_limits)}"]
-        lines += [f"notes = {in_toml(self.notes)}"]
+        about = {"kind": "tuning", "objective": self.objective.name, "meets_limits": self.meets_limits}
+        lines += toml_table("fit", about | {"notes": self.notes})
         for name, ds in (("held_out", self.held_out), ("trained", self.trained)):
-            chosen_there = ds.sel(tuning="chosen")
-            lines += ["", f"[fit.{name}]"]
-            lines += [f"{variable} = {in_toml(chosen_there[variable].values.tolist())}" for variable in ds.data_vars]
+            edges = {str(key): variable.values.tolist() for key, variable in ds.sel(tuning=CHOSEN).data_vars.items()}
+            lines += toml_table(f"fit.{name}", edges)
         return as_toml(lines, path)

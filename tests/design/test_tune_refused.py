@@ -5,7 +5,7 @@ import pytest
 from helpers.refusals import only_problem, problems
 
 import fastcoil as fc
-from fastcoil.design.tuning_plan import space_of
+from fastcoil.design.tuning_plan import axes_of
 
 
 @pytest.fixture(scope="module")
@@ -29,21 +29,21 @@ def days():
     ],
 )
 def test_what_cannot_be_searched(search, words):
-    assert words in only_problem(space_of, search, fc.Loop())
+    assert words in only_problem(axes_of, search, fc.Loop())
 
 
 def test_a_searched_parameter_has_no_dim_of_its_own_but_may_differ_between_valves():
     own = fc.Loop(kp=[0.01, 0.02], backlash=("sample", [0.0, 0.1]))
-    assert "kp is swept along 'kp'" in only_problem(space_of, {"kp": (0.005, 0.1)}, own)
+    assert "kp is swept along 'kp'" in only_problem(axes_of, {"kp": (0.005, 0.1)}, own)
     of_valves = fc.Loop(kp=("sample", [0.01, 0.02]), backlash=("sample", [0.0, 0.1]))
-    assert space_of({"kp": (0.005, 0.1)}, of_valves).names == ["kp"]
+    assert [axis.name for axis in axes_of({"kp": (0.005, 0.1)}, of_valves)] == ["kp"]
 
 
 def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
     loop = fc.Loop()
-    wide, narrow, from_0, whole = space_of(
+    wide, narrow, from_0, whole = axes_of(
         {"kp": (0.01, 1.0), "ti": (10, 20), "buffer": (0, 0.01), "sample_time": (1, 60)}, loop
-    ).axes
+    )
     middle = np.array([0.5])
     assert wide.values(middle) == pytest.approx([0.1])
     assert narrow.values(middle) == pytest.approx([15.0])
