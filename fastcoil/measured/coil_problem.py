@@ -30,6 +30,8 @@ LOGS = np.array([True, True, True, False, True, False, True, False])
 """Which of ``COIL`` are searched by their logarithm."""
 LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 """The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
+RECORDED = ("T_sup", "T_w_out", "wet_volumes")
+"""What the model gives: °C, °C, number of wet volumes."""
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
 """Parameters that the data may not separate: the first is then held at the value of the second."""
 _AS_DRY = "as that of heat alone"
@@ -46,14 +48,6 @@ class Piece(NamedTuple):
 
     series: Array
     at: Index
-
-
-class CoilRun(NamedTuple):
-    """Output of the model at each sample for each parameter set, (n, sets): °C, °C, number of wet volumes."""
-
-    T_sup: Array
-    T_w_out: Array
-    wet_volumes: Array
 
 
 class Limits(NamedTuple):
@@ -97,15 +91,14 @@ class Record:
         y = self.named() @ sets
         return np.where(LOGS[:, None], np.exp(np.minimum(y, 50.0)), y)
 
-    def run(self, sets: Array) -> CoilRun:
-        """The model over the record with each parameter set (8, sets); NaN for sets that are unstable."""
-        matrix = self._matrix(sets)
+    def run(self, sets: Array) -> dict[str, Array]:
+        """Each of ``RECORDED`` at the samples with each parameter set (8, sets), (n, sets); NaN for unstable sets."""
+        matrix, unstable = self._matrix(sets), self._unstable(sets, self.limits)
         # Ctrl-C is heard while a long one runs
         of_pieces = within(None, lambda: [run_coil(matrix, piece.series, piece.at) for piece in self.pieces])
-        found = CoilRun(*(np.concatenate(parts) for parts in zip(*of_pieces, strict=True)))
-        unstable = self._unstable(sets, self.limits)
-        for whole in found:
-            whole[:, unstable] = np.nan
+        found = dict(zip(RECORDED, map(np.concatenate, zip(*of_pieces, strict=True)), strict=True))
+        for series in found.values():
+            series[:, unstable] = np.nan
         return found
 
     def is_stable(self, x: Array) -> bool:
@@ -222,14 +215,6 @@ _SMALL_SWING = 0.02  # water stands still below this share of its typical flow: 
 _COARSE = 10.0  # between samples further apart than this an input may step, s
 
 
-class CoilSolution(NamedTuple):
-    """The minimum, how well it is known, and the wet volumes of the fitted samples, (n,)."""
-
-    estimate: Estimate
-    uncertainty: Uncertainty
-    wet_volumes: Array
-
-
 class CoilProblem:
     """The record, which samples of it are compared, and which parameters are held."""
 
@@ -271,11 +256,9 @@ class CoilProblem:
 
     def _prior(self) -> Array:
         """The values of parameters that the data do not identify."""
-        x = np.array([self._least_C_w() + math.log(1.05), 0.0, math.log(0.35), 0.0, math.log(0.35), 0.0, 0.0, 0.0])
-        x[LN_C_C] = x[LN_C_W] + math.log(10.0 / 8.8)
-        x[LN_NTU_STAR] = x[LN_NTU_A]
-        for k, value in _PRIOR_EXPONENT.items():
-            x[k] = value
+        ln_C_w, ln_ntu = self._least_C_w() + math.log(1.05), math.log(0.35)
+        x = np.array([ln_C_w, ln_C_w + math.log(10.0 / 8.8), ln_ntu, 0.0, ln_ntu, 0.0, ln_ntu, 0.0])
+        x[list(_PRIOR_EXPONENT)] = list(_PRIOR_EXPONENT.values())
         return x
 
     def _least_C_w(self) -> float:
@@ -283,17 +266,11 @@ class CoilProblem:
         cp_w, n_volumes, substeps = (number_in(self.record.loop, name) for name in ("cp_w", "n_volumes", "substeps"))
         return math.log(self.record.limits.m_w_max * cp_w * n_volumes / 8.0 / substeps)
 
-    def complete(self, sets: Array) -> Array:
-        """Parameter sets with the coupled ones filled in: a dry coil's ε* is its ε."""
-        sets = sets.copy()
-        for k, other in COUPLED.items():
-            if self.is_coupled(k):
-                sets[k] = sets[other]
-        return sets
-
-    def is_coupled(self, k: int) -> bool:
-        """Whether a parameter is held at the value of another."""
-        return self.held.get(k, "").startswith(_AS_DRY)
+    @property
+    def coupling(self) -> Array:
+        """Matrix that fills in the coupled parameters: a dry coil's ε* is its ε, and as uncertain."""
+        rows = [COUPLED[k] if self.held.get(k, "").startswith(_AS_DRY) else k for k in range(8)]
+        return np.asarray(np.eye(8)[rows])
 
     def model(self) -> Model:
         """The least-squares problem of the part to fit."""
@@ -301,9 +278,9 @@ class CoilProblem:
         compared = [(name, self.data.values[name][:n], self.compared[name][:n]) for name in self.outputs]
 
         def residuals(sets: Array) -> Array:
-            run = part.run(self.complete(sets))
+            run = part.run(self.coupling @ sets)
             rows = [
-                np.where(used[:, None], getattr(run, name) - np.where(used, measured, 0.0)[:, None], 0.0)
+                np.where(used[:, None], run[name] - np.where(used, measured, 0.0)[:, None], 0.0)
                 for name, measured, used in compared
             ]
             r = np.concatenate(rows)
@@ -321,23 +298,25 @@ class CoilProblem:
         """A space-filling set of physical guesses, (8, sets)."""
         from scipy.stats import qmc
 
-        unit = qmc.Sobol(8, seed=0).random(_N_STARTS).T
-        low = np.array([0.02, -1.0, -2.5, -0.6, -2.5, -0.7, -0.4, -0.7])
-        high = np.array([1.5, 3.0, 1.0, 0.0, 1.0, 0.0, 0.4, 0.0])
-        x = low[:, None] + (high - low)[:, None] * unit
+        low = np.array([[0.02, -1.0, -2.5, -0.6, -2.5, -0.7, -0.4, -0.7]]).T
+        high = np.array([[1.5, 3.0, 1.0, 0.0, 1.0, 0.0, 0.4, 0.0]]).T
+        x = low + (high - low) * qmc.Sobol(8, seed=0).random(_N_STARTS).T
         x[LN_C_W] += self._least_C_w()
         x[LN_C_C] += x[LN_C_W]
         x[LN_NTU_STAR] += x[LN_NTU_A]
-        for k in self.held:
-            x[k] = self.prior[k]
+        held = list(self.held)
+        x[held] = self.prior[held, None]
         return np.asarray(x)
 
-    def solve(self) -> CoilSolution:
-        """Fit, hold parameters that turn out to be unknown, and fit again until all free ones are known."""
+    def solve(self) -> tuple[Estimate, Uncertainty, Array]:
+        """Fit, hold parameters that turn out to be unknown, and fit again until all free ones are known.
+
+        Returns the minimum, how well it is known, and the wet volumes of the fitted samples, (n,).
+        """
         model = self.model()
         best = minimise(model, self.starts(), list(self.held))
-        run = self.record.until(self.n_fit).run(self.complete(best.x[:, None]))
-        wet = run.wet_volumes[self.warm[: self.n_fit], 0]
+        run = self.record.until(self.n_fit).run(best.x[:, None])
+        wet = run["wet_volumes"][self.warm[: self.n_fit], 0]
         if not wet.any():
             self.held |= dict.fromkeys(COUPLED, f"{_AS_DRY}: the coil is never wet")
             best = minimise(model, best.x[:, None], list(self.held))
@@ -355,7 +334,7 @@ class CoilProblem:
                 continue
             best, needed = tried, set()
             spread = uncertainty(model, best, list(self.held))
-        return CoilSolution(best, spread, wet)
+        return best, spread, wet
 
     def _least_known(self, model: Model, best: Estimate, spread: Uncertainty, needed: set[int]) -> int | None:
         """The free parameter that the data say least about, if they do not identify it."""

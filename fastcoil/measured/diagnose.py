@@ -17,7 +17,7 @@ from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.fitted_loop import FittedLoop, fit_loop_model
 from fastcoil.measured.grid import Grid, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, identify_backlash
-from fastcoil.measured.measures import Measures, loop_indices, measures_of
+from fastcoil.measured.measures import Measures, measures_of
 
 _WANTED = Wanted(
     needed=("command", "T_sup"), optional=("T_set", "m_a", "T_a_in", "enabled"), measured=("T_sup", "m_a", "T_a_in")
@@ -90,8 +90,11 @@ def diagnose(
     found = _doubted(found, grid, measures)
     loop = _modelled(grid, found, seconds, sample_time)
     cause = cause_of(measures, loop, identified=found.identified)
-    indices = measures.indices | loop_indices(loop)
     doubt = loop if isinstance(loop, str) else loop.doubt
+    indices = dict.fromkeys(INDICES, np.nan) | measures.indices
+    if not isinstance(loop, str):
+        indices |= {"kp": abs(loop.pi.kp), "ti": loop.pi.ti, "sample_time": loop.pi.sample_time}
+        indices |= {} if doubt else {"plant_gain": loop.plant.gain, "margin": loop.margin}
     if stroke_time is None:
         notes.append(f"the motor is taken to need {seconds:g} s for its stroke: give stroke_time if it is known")
     if "T_set" not in values:

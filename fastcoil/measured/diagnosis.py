@@ -26,7 +26,6 @@ INDICES = {
     "period": ("s", "period of the swing", "period"),
     "regularity": ("1", "regularity of the swing after Thornhill: regular above 1", "regularity (Thornhill)"),
     "periodic_share": ("1", "share of the variance that comes back after a period", ""),
-    "harris": ("1", "normalised Harris index: 0 is the best that feedback can do, 1 the worst", "Harris, normalised"),
     "command_swing": ("1", "median swing of the command in a period, peak to peak", ""),
     "motor_travel": ("d-1", "strokes of the motor in a day", "motor, strokes a day"),
     "reversals": ("d-1", "turns of the motor in a day", "motor, turns a day"),
@@ -63,9 +62,9 @@ class Diagnosis(Result):
     profile
         Dataset over ``backlash``: the ``probability`` of each size.
     indices
-        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, the normalised Harris index,
-        travel and turns of the motor; gain, integral time and sample time of the controller, gain of the plant and
-        margin, where the loop could be modelled.
+        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, travel and turns of the motor;
+        gain, integral time and sample time of the controller, gain of the plant and margin, where the loop could be
+        modelled.
     predictions
         Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
         does on this log's day; NaN where that cannot be predicted, with the ``doubt``.  None where there is no model.

@@ -7,13 +7,13 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style
 from fastcoil.base.files import read_bytes
 from fastcoil.base.results import Result, as_toml, toml_table
@@ -36,12 +36,12 @@ _LARGEST = 2**20  # bytes of a file that a fit wrote
 
 @dataclass(frozen=True, repr=False)
 class Fit(Result):
-    """A fitted valve or coil.
+    """A fitted valve, coil or loop.
 
     Attributes
     ----------
     kind, source
-        ``valve`` or ``coil``, and the name of the log.
+        ``valve``, ``coil`` or ``loop``, and the name of the log.
     parameters
         Name → value, ready for ``loop.assign(**fit.parameters)``; with the held ones, without unidentified ones that
         have no prior.
@@ -89,6 +89,27 @@ class Fit(Result):
         s = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore"):
             return self.covariance / np.outer(s, s)
+
+    @property
+    def backlash(self) -> float:
+        """The best size of a valve or a loop, fraction of stroke, identified or not; NaN of a coil."""
+        return float("nan") if self.profile is None else float(self.profile.attrs["backlash"])
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its 95 % interval; NaN of a coil."""
+        low, high = (float("nan"),) * 2 if self.profile is None else self.profile.attrs["interval_95"]
+        return low, high
+
+    @property
+    def identified(self) -> bool:
+        """Whether the log resolves the backlash."""
+        return "backlash" in self.parameters
+
+    @property
+    def reason(self) -> str:
+        """Why not; empty if it does."""
+        return self.held.get("backlash", "")
 
     def plot(self) -> Figure:
         """Figs 2 (valve) or 4 and 5 (coil) of the paper for this fit, or a loop's, as a matplotlib ``Figure``."""
@@ -143,20 +164,17 @@ class Fit(Result):
         return as_toml(lines, path)
 
 
-F = TypeVar("F", bound=Fit)
-
-
 def finished(
-    cls: type[F], data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
+    data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
     names: Sequence[str], covariance: Array, **others: Any,
-) -> F:  # fmt: skip
+) -> Fit:  # fmt: skip
     """The fit of a log, begun at the time ``started``.
 
     part: of each sample.  series: the measured and modelled ones with their units.  names, covariance: of the
     estimated parameters.
     """
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
-    return cls(
+    return Fit(
         source=data.name,
         residuals=xr.Dataset(
             {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
@@ -195,9 +213,11 @@ def rmse_of(part: NDArray[np.str_], errors: Mapping[str, Array]) -> dict[str, fl
     return found
 
 
-def profile_of(grid: Array, rmse: Array, unit: str, interval: tuple[float, float], **limit: float) -> xr.Dataset:
-    """The ``profile`` of a fit: least RMSE with the backlash held at each value of ``grid``."""
-    attrs = limit | {"interval_95": list(interval)}
+def profile_of(
+    grid: Array, rmse: Array, unit: str, backlash: float, interval: tuple[float, float], **limit: float
+) -> xr.Dataset:
+    """The ``profile`` of a fit: least RMSE with the backlash held at each value of ``grid``; the best, its interval."""
+    attrs = limit | {"backlash": backlash, "interval_95": list(interval)}
     return xr.Dataset(
         {"rmse": ("backlash", rmse, {"units": unit})}, {"backlash": ("backlash", grid, {"units": "1"})}, attrs
     )
@@ -217,7 +237,6 @@ def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> lis
     return notes
 
 
-_MOST_POINTS = 4000
 _LEGEND: Any = {"loc": "lower right", "fontsize": 8, "framealpha": 0.8, "edgecolor": "none"}
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "fontsize": 8, "frameon": False}
 
@@ -231,8 +250,8 @@ def _valve_figure(fit: Fit) -> Figure:
     fig = Figure(figsize=(10.5, 3.6), layout="constrained")
     parity, curves, right = fig.subplots(1, 3)
     for part, colour, marker in ((FITTING, RED, "o"), (VALIDATION, YELLOW, "x")):
-        here = _thinned(ds["part"].values == part)
-        if here.size:
+        here = ds["part"].values == part
+        if here.any():
             style: Any = {"color": colour, "marker": marker, "s": 10, "alpha": 0.6, "lw": 0.8 * (marker == "x")}
             style["label"] = part
             parity.scatter(ds["m_w"][here], ds["modelled"][here], **style)
@@ -345,8 +364,3 @@ def _shade_unused(axes: Axes, ds: xr.Dataset) -> None:
     unused[1:] |= unused[:-1]
     hours, across = ds["elapsed_time"].values / 3600, axes.get_xaxis_transform()
     axes.fill_between(hours, 0.0, 1.0, where=unused, transform=across, color=FAINT, lw=0, zorder=0)
-
-
-def _thinned(here: Mask) -> Index:
-    index = np.flatnonzero(here)
-    return index[:: max(index.size // _MOST_POINTS, 1)]

@@ -16,16 +16,7 @@ from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.loop import Loop
-from fastcoil.measured.coil_problem import (
-    COIL,
-    COUPLED,
-    LN_C_W,
-    LOGS,
-    CoilProblem,
-    CoilSolution,
-    in_operation,
-    record_of,
-)
+from fastcoil.measured.coil_problem import COIL, LN_C_W, LOGS, CoilProblem, in_operation, record_of
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, poor, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
 from fastcoil.model.metric_table import WARM_UP
@@ -129,7 +120,7 @@ def fit_coil(
         )
     record = record_of(data, loop, held_inputs, part.fitted(data))
     problem = CoilProblem(data, record, OUTPUTS[minimise_on], warm_up, part, held_inputs)
-    return _fit_of(problem, problem.solve(), started)
+    return _fit_of(problem, started)
 
 
 def _held_inputs(holds: Any) -> tuple[str, ...]:
@@ -146,17 +137,13 @@ def _held_inputs(holds: Any) -> tuple[str, ...]:
     return tuple("W_a_in" if name in HUMIDITIES else name for name in names)
 
 
-def _fit_of(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit:
+def _fit_of(problem: CoilProblem, started: float) -> Fit:
     """The fit with everything a user may ask of it."""
     record, data, notes = problem.record, problem.data, problem.notes
-    best, spread, wet = solution
-    x = problem.complete(best.x[:, None])
+    best, spread, wet = problem.solve()
+    x = problem.coupling @ best.x[:, None]
     values = record.values(x)[:, 0]
-    coupling = np.eye(8)  # a coupled parameter has the value, and the uncertainty, of the other
-    for k, other in COUPLED.items():
-        if problem.is_coupled(k):
-            coupling[k, k], coupling[k, other] = 0.0, 1.0
-    A = record.named() @ coupling
+    A = record.named() @ problem.coupling
     y, spread_y = A @ x[:, 0], A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
     half = spread.quantile() * np.sqrt(np.diag(spread_y))
     scale = np.where(LOGS, values, 1.0)
@@ -181,7 +168,7 @@ def _fit_of(problem: CoilProblem, solution: CoilSolution, started: float) -> Fit
         given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
         notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
     return finished(
-        Fit, data, started, part, series, [COIL[k] for k in estimated], covariance[np.ix_(estimated, estimated)],
+        data, started, part, series, [COIL[k] for k in estimated], covariance[np.ix_(estimated, estimated)],
         kind="coil", unit="K", parameters=dict(zip(COIL, values.tolist(), strict=True)),
         intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
         profile=None, rmse=rmse, held=held, notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
@@ -193,7 +180,7 @@ def _compared(
 ) -> tuple[NDArray[np.str_], dict[str, tuple[Array, str]], dict[str, float]]:
     """The part of each sample, measured and modelled temperatures with their units, and RMSE by part."""
     data, compared = problem.data, problem.compared
-    found = {name: values[:, 0] for name, values in problem.record.run(x)._asdict().items()}
+    found = {name: values[:, 0] for name, values in problem.record.run(x).items()}
     if not problem.record.is_stable(x):
         for values in found.values():
             values[~problem.fitting] = np.nan

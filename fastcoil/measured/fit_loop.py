@@ -6,9 +6,7 @@ The grey-box problem: the emulator behind the logged command with each candidate
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,32 +53,6 @@ _NEUTRAL: dict[str, Any] = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlas
 """What a loop may have and an emulator in open loop does not use."""
 
 
-@dataclass(frozen=True, repr=False)
-class LoopFit(Fit):
-    """A fitted loop; see ``Fit`` for what it shares with the other fits."""
-
-    @property
-    def backlash(self) -> float:
-        """The best size, fraction of stroke, identified or not."""
-        return float(self.extras["backlash"])
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Of 95 %."""
-        low, high = self.extras["interval"]
-        return float(low), float(high)
-
-    @property
-    def identified(self) -> bool:
-        """Whether the log resolves the size, to 20 % of itself or 1 % of the stroke."""
-        return not self.reason
-
-    @property
-    def reason(self) -> str:
-        """Why not; empty if identified."""
-        return self.held.get("backlash", "")
-
-
 def fit_loop(
     log: Any,
     loop: Loop,
@@ -96,7 +68,7 @@ def fit_loop(
     jumps: str = "refuse",
     max_gap: float | None = None,
     time_format: str | None = None,
-) -> LoopFit:
+) -> Fit:
     """Fit the backlash of a valve to a log of commands and supply temperatures; no flow meter is needed.
 
     Parameters
@@ -121,7 +93,7 @@ def fit_loop(
 
     Returns
     -------
-    LoopFit
+    Fit
         ``backlash``, ``interval``, ``identified`` and, if not, the ``reason``; ``backlash`` is not among its
         ``parameters`` if the log does not identify it.
 
@@ -149,16 +121,10 @@ def fit_loop(
             check.problems.append("loop has a slip_jump: give it none, a backlash without one is fitted")
 
     problem = LoopProblem(part.read(log, _WANTED, how, in_operation), loop, warm_up, part)
-    if problem.is_coarse:
-        warnings.warn(
-            f"{problem.data.name}: samples are {problem.data.step:g} s apart and the command moves between them: the "
-            "backlash comes out too small, log every 60 s or faster",
-            stacklevel=2,
-        )
     return _fit_of(problem, problem.solve(), started)
 
 
-def _fit_of(problem: LoopProblem, solution: LoopSolution, started: float) -> LoopFit:
+def _fit_of(problem: LoopProblem, solution: LoopSolution, started: float) -> Fit:
     """The fit with everything a user may ask of it."""
     data, measured, fitted = problem.data, problem.T_sup, problem.compared & problem.fitting
     found, plain = solution.modelled, solution.without_backlash
@@ -177,12 +143,11 @@ def _fit_of(problem: LoopProblem, solution: LoopSolution, started: float) -> Loo
     )
     known = {} if why else {"backlash": solution.backlash}
     return finished(
-        LoopFit, data, started, part, series, list(known), np.full((len(known), len(known)), solution.error**2),
+        data, started, part, series, list(known), np.full((len(known), len(known)), solution.error**2),
         kind="loop", unit="K", parameters=known, intervals=dict.fromkeys(known, solution.interval),
-        profile=profile_of(solution.grid, solution.rmse, "K", solution.interval),
+        profile=profile_of(solution.grid, solution.rmse, "K", solution.backlash, solution.interval),
         rmse=rmse, held={"backlash": why} if why else {}, notes=notes,
         n_used=int(fitted.sum()), n_effective=float(solution.n_blocks),
-        extras={"backlash": np.array(solution.backlash), "interval": np.array(solution.interval)},
     )  # fmt: skip
 
 

@@ -260,10 +260,11 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         "opening": (openings, "1"),
     }
     return finished(
-        Fit, problem.data, started, part, series, names, covariance[np.ix_(estimated, estimated)],
+        problem.data, started, part, series, names, covariance[np.ix_(estimated, estimated)],
         kind="valve", unit="kg/s", parameters=parameters, intervals=intervals, rmse=rmse, held=held, notes=notes,
         profile=profile_of(
-            profiled.grid, np.sqrt(profiled.sums / n_compared), "kg s-1", found.interval, limit=limit
+            profiled.grid, np.sqrt(profiled.sums / n_compared), "kg s-1", float(natural[X_BL]), found.interval,
+            limit=limit,
         ),
         n_used=spread.n_used, n_effective=spread.n_effective,
         extras={"floor": np.array(problem.floor), "curve": natural},

@@ -20,6 +20,7 @@ from fastcoil.design.describing_function import describing_function
 from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
 from fastcoil.measured.grid import held
 from fastcoil.measured.identify import HORIZON
+from fastcoil.measured.part import runs
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SAMPLE, HUNTING_SWING, SETTLING_TIME, WARM_UP
 
 BUFFER = 1e-9  # least buffer of the inverse, so that round-off is no reversal
@@ -186,9 +187,7 @@ def outcome_of(played: Played, day: Day, step: float) -> Outcome:
     changed |= ~day.works
     last = np.maximum.accumulate(np.where(changed, np.arange(n), 0))
     settled = counted & ((np.arange(n) - last) * step >= SETTLING_TIME)
-    starts = np.flatnonzero(settled & ~np.concatenate([[False], settled[:-1]]))
-    ends = np.flatnonzero(settled & ~np.concatenate([settled[1:], [False]])) + 1
-    windows = [slice(a, b) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)]
+    windows = [slice(first, last) for first, last in runs(settled)]
     swing = float(np.mean([np.ptp(played.temperature[w]) for w in windows])) if windows else math.nan
     periods = _periods([error[w] for w in windows], step)
     alike = np.sum(5.0 * np.abs(np.diff(periods)) <= np.maximum(periods[1:], periods[:-1]))

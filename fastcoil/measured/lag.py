@@ -66,7 +66,6 @@ class _Curve(NamedTuple):
     backlash: int  # index in BACKLASHES
     flows: Array  # at the knots, kg/s
     variance: float  # of a residual, (kg/s)²
-    worth: float  # samples that are worth one independent one
     likelihood: float  # logarithm of it
 
 
@@ -92,7 +91,7 @@ def _search(found: _Stretches, worth: float) -> tuple[Index, _Curve]:
         chosen = np.full(found.sums.shape[0], common)
         for _ in range(_ROUNDS):
             before = chosen
-            chosen = _cheapest(found, _curve(found, before, worth))
+            chosen = _cheapest(found, _curve(found, before, worth), worth)
             if (chosen == before).all():
                 break
         curve = _curve(found, chosen, worth)
@@ -110,10 +109,10 @@ def _curve(found: _Stretches, chosen: Index, worth: float) -> _Curve:
     j = int(np.argmin(errors))
     mean = max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
     n_all = float(found.counts.max(axis=1).sum())
-    return _Curve(j, flows[j], mean, worth, -0.5 * n_all / worth * float(np.log(mean)))
+    return _Curve(j, flows[j], mean, -0.5 * n_all / worth * float(np.log(mean)))
 
 
-def _cheapest(found: _Stretches, curve: _Curve) -> Index:
+def _cheapest(found: _Stretches, curve: _Curve, worth: float) -> Index:
     """The lag of each stretch, an index in ``lags``: the way through the stretches with the least errors and prices.
 
     Samples that a lag leaves without a command cost as much as others; they may not be most of a stretch.  Where all
@@ -123,7 +122,7 @@ def _cheapest(found: _Stretches, curve: _Curve) -> Index:
     errors = _errors_of(found.sums[:, :, curve.backlash], curve.flows)
     errors = np.where(found.counts < 0.5 * most, np.inf, errors + curve.variance * (most - found.counts))
     own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
-    costs = errors / (2.0 * curve.worth * np.maximum(own, curve.variance))
+    costs = errors / (2.0 * worth * np.maximum(own, curve.variance))
     lags, ways = found.lags, []
     best = costs[0] + found.price[0] * (lags != 0)
     for cost, of_change in zip(costs[1:], found.price[1:], strict=True):
@@ -172,19 +171,22 @@ def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     influence on its shifts.
     """
     step = step_of(log, fitting)
-    lags_tried, memory = _lags_to_try(log, good & fitting, step), 0.0
-    found = _stretches(log, good, fitting, step, lags_tried, memory)
-    chosen, curve = _search(found.of(found.fitted), 1.0)
-    memory, _ = _correlation(log, good & fitting, found, chosen, curve, step, memory)
-    found = _stretches(log, good, fitting, step, lags_tried, memory)
-    chosen, curve = _search(found.of(found.fitted), 1.0)
-    _, worth = _correlation(log, good & fitting, found, chosen, curve, step, memory)
+    lags_tried = _lags_to_try(log, good & fitting, step)
+    memory, worth = 0.0, 1.0
+    for of_white in (False, True):  # first how the residuals are correlated, then with that taken out
+        found = _stretches(log, good, fitting, step, lags_tried, memory)
+        chosen, curve = _search(found.of(found.fitted), worth)
+        rho = _correlation(log, good & fitting, found, chosen, curve, step, memory)
+        if of_white:
+            worth = max(1.0 + 2.0 * float(rho.sum()), 1.0)
+        elif rho.size:
+            memory = min(float(rho[0]), _MOST_MEMORY)
     chosen, curve = _search(found.of(found.fitted), worth)
     lags = np.zeros(found.fitted.size)
     lags[found.fitted] = _worthwhile(found.of(found.fitted), chosen, curve)
     if not found.fitted.all():
         rest = found.of(~found.fitted)
-        lags[~found.fitted] = _worthwhile(rest, _cheapest(rest, curve), curve)
+        lags[~found.fitted] = _worthwhile(rest, _cheapest(rest, curve, worth), curve)
     shifts = lags[found.number]
     return _moved(log, shifts * step, _in_words(log, shifts, step)) if shifts.any() else log
 
@@ -267,11 +269,8 @@ def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
 
 def _correlation(
     log: Log, used: Mask, found: _Stretches, chosen: Index, curve: _Curve, step: float, memory: float
-) -> tuple[float, float]:
-    """Of the residuals of the fitted part: from one to the next; samples that are worth one independent one.
-
-    memory: what is subtracted from each first, as a share of the one before.
-    """
+) -> Array:
+    """Autocorrelation of the residuals of the fitted part, each less ``memory`` times the one before."""
     lags = np.zeros(found.fitted.size)
     lags[found.fitted] = found.lags[chosen]
     command, outside = delayed(log, lags[found.number] * step)
@@ -280,5 +279,4 @@ def _correlation(
     r = np.where(used, hats(opening) @ curve.flows - log.values["m_w"], 0.0)
     r[1:] -= memory * r[:-1]
     n = int(np.flatnonzero(used)[-1]) + 1
-    rho = autocorrelation(r[:n], log.batch[:n], used[:n])
-    return min(float(rho[0]), _MOST_MEMORY) if rho.size else 0.0, max(1.0 + 2.0 * float(rho.sum()), 1.0)
+    return autocorrelation(r[:n], log.batch[:n], used[:n])

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.fitted_loop import FittedLoop
+from fastcoil.base.arrays import Array, Mask
 from fastcoil.measured.grid import Grid, motor_positions
+from fastcoil.measured.part import runs
 
 # when a swing counts as regular
 REGULAR = 1.0  # regularity above this: Thornhill, Huang and Zhang, J. Process Control 13 (2003) 91
@@ -69,12 +69,6 @@ def swing_of(series: Array, good: Mask, interval: float) -> Swing:
     return found
 
 
-def runs(where: Mask) -> Index:
-    """First sample of each unbroken stretch, and the one behind its last, (stretches, 2)."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
-    return ends.reshape(-1, 2)
-
-
 def longest_run(good: Mask) -> int:
     """Samples of the longest unbroken stretch."""
     return int(np.max(np.diff(runs(good)), initial=0))
@@ -131,8 +125,6 @@ def running_mean(series: Array, good: Mask, width: int) -> Array:
 SETTLED_AFTER = 600.0  # seconds after a change of the set-point from which the loop counts as settled
 LEAST_CHANGE = 0.3  # change of the set-point that counts, K, in one step or within that time
 _END = 0.005  # a command so near to closed or open counts as that
-_ORDER, _STEP, _AHEAD = 15, 30.0, 60.0
-"""Order of the model of the error, its step [s], and the time that no controller can overtake [s]."""
 _DAY = 86400.0
 
 
@@ -171,33 +163,6 @@ def travel(positions: Array, on: Mask, interval: float) -> tuple[float, float]:
     return float(np.abs(moved).sum()) / days, float(np.sum(moved[1:] * moved[:-1] < 0.0)) / days
 
 
-def harris_index(e: Array, good: Mask, interval: float) -> float:
-    """Normalised Harris index, 1 - σ²/mean e²: 0 is the best that feedback can do, 1 the worst.
-
-    σ² is the variance of what could not be predicted of the error a minute ahead: from an autoregressive model of order
-    15 in steps of 30 s, with innovations of variance s² and impulse response h, σ² = s² (h₀² + h₁²).  The index of
-    Harris (Can. J. Chem. Eng. 67 (1989) 856) as ASHRAE RP-1587 recommends it for HVAC loops; a minute stands for the
-    dead time, which a log does not show.
-    """
-    every = max(1, round(_STEP / interval))
-    thinned, usable = e[::every], good[::every]
-    if thinned.size <= _ORDER:
-        return np.nan
-    windows = sliding_window_view(thinned, _ORDER + 1)[sliding_window_view(usable, _ORDER + 1).all(axis=1)]
-    if windows.shape[0] < 4 * _ORDER:
-        return np.nan
-    centre = windows.mean()
-    X, y = windows[:, -2::-1] - centre, windows[:, -1] - centre
-    a = np.linalg.lstsq(X, y, rcond=None)[0]
-    innovations = float(np.mean((y - X @ a) ** 2))
-    h = np.zeros(max(1, round(_AHEAD / (every * interval))))
-    h[0] = 1.0
-    for j in range(1, h.size):
-        h[j] = a[: min(j, _ORDER)] @ h[j - 1 :: -1][:_ORDER]
-    total = float(np.mean(windows[:, -1] ** 2))
-    return float(np.clip(1.0 - innovations * float(h @ h) / total, 0.0, 1.0)) if total > 0.0 else np.nan
-
-
 COARSE = 60.0  # interval beyond which a log misses the swings of most loops, s
 USUAL_PERIOD = 600.0  # s, where the temperature shows no swing
 LEAST_WATCHED, LEAST_PIECE = 3600.0, 600.0
@@ -208,9 +173,8 @@ WIDE = 0.5  # peak to peak of a swing above which no loop is called calm, K, alt
 class Measures(NamedTuple):
     """What a log shows of its loop."""
 
-    error: Array  # control error where it is known, K, (n,); else the temperature, °C
     calm: Mask  # where the plant was on, in control and settled, (n,)
-    swing: Swing  # of the error there
+    swing: Swing  # of the control error there, K; of the temperature, if there is no set-point
     position: Array  # of the motor, (n,)
     command_swing: float  # median of highest less lowest command in a period
     indices: dict[str, float]
@@ -234,35 +198,16 @@ def measures_of(grid: Grid, stroke_time: float) -> Measures:
     length = swing.period if np.isfinite(swing.period) else USUAL_PERIOD
     spans = _spans(known, calm, max(2, round(length / interval)))
     moved = float(np.median(spans)) if spans.size else np.nan
-    of_error = [np.nan] * 3
-    if T_set is not None:
-        of_error = [
-            *(float(np.sqrt(np.mean(error[where] ** 2))) if where.any() else np.nan for where in (good, calm)),
-            harris_index(error, calm, interval),
-        ]
+    rms = [
+        float(np.sqrt(np.mean(error[where] ** 2))) if T_set is not None and where.any() else np.nan
+        for where in (good, calm)
+    ]
     indices = {
-        "error_rms": of_error[0],
-        "error_rms_settled": of_error[1],
-        "peak_to_peak": swing.peak_to_peak,
-        "period": swing.period,
-        "regularity": swing.regularity,
-        "periodic_share": swing.share,
-        "harris": of_error[2],
-        "command_swing": moved,
-        "motor_travel": strokes,
-        "reversals": turns,
-    }
-    return Measures(error, calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
-
-
-def loop_indices(loop: FittedLoop | str) -> dict[str, float]:
-    """Indices of the controller, and of a plant without a doubt: NaN where the loop could not be modelled."""
-    kp, ti, every, gain, margin = (np.nan,) * 5
-    if not isinstance(loop, str):
-        kp, ti, every = abs(loop.pi.kp), loop.pi.ti, loop.pi.sample_time
-        if not loop.doubt:
-            gain, margin = loop.plant.gain, loop.margin
-    return {"kp": kp, "ti": ti, "sample_time": every, "plant_gain": gain, "margin": margin}
+        "error_rms": rms[0], "error_rms_settled": rms[1], "peak_to_peak": swing.peak_to_peak, "period": swing.period,
+        "regularity": swing.regularity, "periodic_share": swing.share, "command_swing": moved,
+        "motor_travel": strokes, "reversals": turns,
+    }  # fmt: skip
+    return Measures(calm, swing, positions[:-1], moved, indices, _blind(grid, calm, swing))
 
 
 def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:

@@ -82,6 +82,12 @@ def unbroken(*numbers: NDArray[Any]) -> list[Index]:
     return np.split(np.arange(numbers[0].size), np.flatnonzero(ends) + 1)
 
 
+def runs(where: Mask) -> Index:
+    """First sample of each unbroken stretch, and the one behind its last, (stretches, 2)."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
+    return ends.reshape(-1, 2)
+
+
 def turns(series: Array, least: float) -> int:
     """How often a series turns and then comes back by more than ``least``."""
     count, way, extreme = 0, 0, float(series[0])

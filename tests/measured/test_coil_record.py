@@ -63,7 +63,7 @@ def test_every_piece_starts_as_the_whole_record_does(two_days):
     assert len(record.pieces) == 2
     rng = np.random.default_rng(43)
     sets = np.log([[8.8], [10.0], [0.35], [1.0], [0.35], [1.0], [0.4], [1.0]]) + rng.uniform(0.0, 0.2, (8, 3))
-    for values in record.run(sets):
+    for values in record.run(sets).values():
         assert np.isfinite(values).all()
         np.testing.assert_array_equal(values[:3600], values[3600:])
 

@@ -92,7 +92,7 @@ def test_the_coil_alone_is_that_of_the_emulator(form):
     log = coil_log(hours=0.5, sd=0.0, **form)
     problem = problem_of(log, **form)
     x = searched(problem, COIL_TRUTH)
-    T_sup, T_w_out, wet = problem.record.run(np.repeat(x[:, None], 3, axis=1))
+    T_sup, T_w_out, wet = problem.record.run(np.repeat(x[:, None], 3, axis=1)).values()
     np.testing.assert_allclose(T_sup[:, 1], log["T_sup"], atol=1e-9)
     np.testing.assert_allclose(T_w_out[:, 2], log["T_w_out"], atol=1e-9)
     assert wet.max() > 0
@@ -103,7 +103,7 @@ def test_water_that_stands_still_exchanges_nothing():
     log["m_w"] = log["m_w"].where(log["elapsed_time"] < 900, 0.0).assign_attrs(units="kg s-1")
     problem = problem_of(log)
     for beta2 in (-0.2, 0.0, 0.2):
-        T_w_out = problem.record.run(searched(problem, COIL_TRUTH | {"beta2": beta2})[:, None])[1][:, 0]
+        T_w_out = problem.record.run(searched(problem, COIL_TRUTH | {"beta2": beta2})[:, None])["T_w_out"][:, 0]
         assert np.isfinite(T_w_out).all()
         np.testing.assert_array_equal(T_w_out[901:], T_w_out[901])
 

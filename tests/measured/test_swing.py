@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fastcoil.measured.measures import (
-    harris_index,
     in_control,
     settled,
     swing_of,
@@ -81,19 +80,6 @@ def test_a_valve_that_stays_closed_is_out_of_control_and_one_that_touches_the_en
     found = in_control(command, EVERYWHERE, INTERVAL)
     assert not found[(TIME > 5000) & (TIME < 9000)].any()
     assert found[2000:2030].all()
-
-
-def test_the_harris_index_is_0_for_noise_1_for_what_could_be_foretold_and_known_in_between():
-    """Of an autoregression e = a e + s in steps of 30 s, two steps hold 1 - a⁴ of the variance."""
-    noise = drawn(3).normal(0, 0.1, 8000)
-    assert harris_index(noise, np.ones(8000, bool), 30.0) < 0.05
-    assert harris_index(np.sin(np.arange(8000) / 9) + 0.001 * noise, np.ones(8000, bool), 30.0) > 0.95
-    a, e = 0.9, np.zeros(8000)
-    for k in range(1, 8000):
-        e[k] = a * e[k - 1] + noise[k]
-    assert harris_index(e, np.ones(8000, bool), 30.0) == pytest.approx(a**4, abs=0.05)
-    assert harris_index(e + 1.0, np.ones(8000, bool), 30.0) > a**4 + 0.05
-    assert np.isnan(harris_index(e[:50], np.ones(50, bool), 30.0))
 
 
 def test_travel_and_turns_are_counted_in_a_day_of_operation():

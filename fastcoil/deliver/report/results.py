@@ -33,7 +33,6 @@ from fastcoil.loops.provenance import content_sha256
 from fastcoil.measured.cause import WORDS
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
-from fastcoil.measured.fit_loop import LoopFit
 from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -82,7 +81,7 @@ def fit_page(fit: Fit) -> Page:
     kind = fit.kind
     known_together = [line for line in fit.summary() if " are known only together " in line]
     method = "least squares of the model behind the logged inputs; intervals allow for correlated errors"
-    if isinstance(fit, LoopFit):
+    if kind == "loop":
         method = "the emulator behind the logged command, with each size of the gap"
     log = f"{fit.source}: {fit.n_used:,} samples compared, worth {fit.n_effective:,.0f} independent ones"
     command = f"fastcoil fit {kind} LOG.csv{' --loop PRESET' * (kind == 'loop')} -o {kind}.toml --report {kind}.html"
