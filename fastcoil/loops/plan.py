@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -318,13 +317,6 @@ class Shard:
 
     index: np.ndarray
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Compressed: a pipe takes 64 KiB, and a longer write waits for a reader that may be dead."""
-        return {"index": pack(self.index)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__["index"] = unpack(state["index"])
-
     @property
     def size(self) -> int:
         return self.index.size
@@ -370,12 +362,6 @@ class Stretch:
         """The stretch that starts on day ``first``."""
         return cls(lanes, of, range(first, min(first + length, end)), end, length, begins)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"lanes": pack(self.lanes)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state | {"lanes": unpack(state["lanes"])})
-
     def on(self, days: range) -> np.ndarray:
         """Flat indices of its lanes on some days, ascending."""
         return np.asarray(np.arange(days.start, days.stop)[:, np.newaxis] * self.of + self.lanes).ravel()
@@ -416,16 +402,6 @@ class Stretch:
     def begun(self, state: np.ndarray) -> Stretch:
         """The next stretch; ``state``: in which this one ended."""
         return Stretch.starting(self.days.stop, self.lanes, self.of, self.end, self.length, state)
-
-
-def pack(index: np.ndarray) -> bytes:
-    """Ascending indices in few bytes."""
-    return zlib.compress(np.diff(index.astype(np.int64), prepend=0).tobytes())
-
-
-def unpack(packed: bytes) -> np.ndarray:
-    """Inverse of ``pack``."""
-    return np.cumsum(np.frombuffer(zlib.decompress(packed), np.int64))
 
 
 class Reached:

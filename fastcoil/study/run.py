@@ -269,7 +269,7 @@ def _run(
     for rule in plan.layout.loop.rules.values():
         rule.check()
     compile_kernel()
-    job = Job(manifest.key, plan, study.reduction, study.rules, Manifest.of(study).own_code)
+    job = Job(plan, study.reduction, study.rules, Manifest.of(study).own_code)
     recorded, first = store.records(manifest, study.text), None
     with closing(make_pool(asked.backend, job, asked.n_jobs, asked.scheduler)) as pool:
         n_jobs = pool.n_workers  # a cluster may have another number

@@ -52,7 +52,6 @@ class Pool:
         self.dice = random.Random(seed)
         self.flying, self.shards, self.broken, self.now = {}, {}, False, 0.0
         self.runs, self.most_flying, self.n_restarts = [], 0, 0
-        self.shared, self.has_workers, self.waits = False, True, lambda future: False
 
     def submit(self, shard):
         index = shard.index
@@ -67,8 +66,8 @@ class Pool:
             self._let_die(future)
         return future
 
-    def waiting(self, futures):
-        return [future for future in futures if self.waits(future)]
+    def stalled(self, seconds):
+        pass
 
     def restart(self):
         self.broken = False

@@ -11,12 +11,13 @@ from helpers.rules import HEAD
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
+from fastcoil.loops.plan import Shard
 from fastcoil.study import maintenance
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.manifest import Manifest, checksum
 from fastcoil.study.run import execute
 from fastcoil.study.workers import worker
-from fastcoil.study.workers.user_code import _load
+from fastcoil.study.workers.user_code import _load, load_rules
 
 STUDY = """
 [loop]
@@ -119,15 +120,13 @@ def test_finished_results_of_another_value_are_neither_shown_nor_run_again_nor_e
 
 def test_a_worker_with_another_value_computes_nothing(path, value, monkeypatch):
     study = read_study(path)
-    job = worker.Job("key", study.plan, None, study.rules, {})
-    monkeypatch.setitem(worker._jobs, "key", job)
-    worker.find_job("key")
+    load_rules(study.plan.layout.loop.rules, study.rules)
     here = Manifest.of(study).own_code
     assert here["steps"]
     elsewhere = {"steps": {version: "another" for version in here["steps"]}}
-    monkeypatch.setitem(worker._jobs, "key", job._replace(own_code=elsewhere))
+    job = worker.Job(study.plan, None, study.rules, elsewhere)
     with pytest.raises(InputError, match=CHANGED):
-        worker.run_received("key", np.array([0]))
+        worker.run_elsewhere(job, Shard(np.array([0])))
 
 
 def test_the_workers_of_a_run_are_told_what_its_rules_do(path, tmp_path, monkeypatch):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import concurrent.futures as cf
 import time
-import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,18 +18,14 @@ from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 
 _MOST_DEATHS = 40  # without a result in between: one bad scenario in a shard of a million takes 20
 _FIRST_LIMIT, _LEAST_LIMIT, _LIMIT_FACTOR = 600.0, 60.0, 20.0
-_LOOK_EVERY = 2.0  # seconds between two looks at which shards wait for a worker
-_PATIENCE, _LONGEST_SILENCE = 10.0, 600.0
-"""Seconds until a run that only waits says so, and between two such sentences at most."""
 
 
 @dataclass
 class _Flight:
-    """A shard in flight.  since: when it was last known not to run yet.  waits: whether no worker ran it then."""
+    """A shard in flight.  since: when it was last known not to run yet."""
 
     shard: Shard | Stretch
     since: float
-    waits: bool = False
 
 
 class Dispatcher:
@@ -41,8 +36,8 @@ class Dispatcher:
     from theirs, get the status ``crashed``, but not before another result has shown that the workers are not to blame.
     If the memory does not suffice for any of them, the run ends instead: none is to blame.
 
-    time_limit: seconds that a shard may run before it counts as hanging; by default 20 times the longest so far, at
-    least 60 s.  The time in which it waits for a worker that is busy does not count.
+    time_limit: seconds that a shard may run, in a pool that can stop it, before it counts as hanging; by default 20
+    times the longest so far, at least 60 s.
     """
 
     def __init__(self, pool: Pool, job: Job, time_limit: float | None = None) -> None:
@@ -51,8 +46,6 @@ class Dispatcher:
         self._deaths = 0
         self._last_death: BaseException | None = None
         self._anything_ran = False
-        self._looked = self._last_run = time.monotonic()
-        self._said = 0.0
         self._guilty: list[np.ndarray] = []
 
     def run(self, shards: Sequence[Shard | Stretch]) -> Iterator[xr.Dataset]:
@@ -118,7 +111,7 @@ class Dispatcher:
         """
         pool = self._pool
         in_flight: dict[cf.Future[xr.Dataset], _Flight] = {}
-        self._last_run = time.monotonic()
+        last_result = time.monotonic()
         while waiting or in_flight:
             died = self._submit(waiting, in_flight)
             done, _ = cf.wait(in_flight, timeout=1.0, return_when=cf.FIRST_COMPLETED)
@@ -139,17 +132,20 @@ class Dispatcher:
                         after.append(following)
                         died = died or self._submit(waiting, in_flight)  # no worker waits until the part is written
                     yield part
-            overdue = self._look(in_flight)
-            if overdue:
+                last_result = time.monotonic()
+            pool.stalled(time.monotonic() - last_result)
+            hangs = self._hangs(in_flight)
+            if hangs:
                 self._last_death = None
-            if died or overdue:
+                # first come, first served: one that never ran is not to blame
+                never_ran = list(in_flight)[pool.n_workers :]
+                waiting.extendleft(in_flight.pop(future).shard for future in never_ran)
+            if died or hangs:
                 self._count_death()
-                if pool.falls_together or overdue:
-                    # a shard that never ran is not to blame
-                    waiting.extendleft(f.shard for f in in_flight.values() if overdue and f.waits)
-                    suspects += [f.shard for f in in_flight.values() if not (overdue and f.waits)]
-                    in_flight.clear()
-                    pool.restart()
+            if hangs or (died and pool.falls_together):
+                suspects += [flight.shard for flight in in_flight.values()]
+                in_flight.clear()
+                pool.restart()
 
     def _submit(self, waiting: deque[Shard | Stretch], in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
         """Start as many shards as there are workers, and one more; returns whether a worker was found dead."""
@@ -163,32 +159,13 @@ class Dispatcher:
                 return True
         return False
 
-    def _look(self, in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
-        """See which shards wait for a worker.  Returns whether one has taken too long."""
+    def _hangs(self, in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
+        """Whether a shard has taken too long, and can be stopped."""
         now = time.monotonic()
-        if now - self._looked >= _LOOK_EVERY:
-            waiting = self._pool.waiting([future for future in in_flight if not future.done()])
-            now = self._looked = time.monotonic()
-            for future, flight in in_flight.items():
-                flight.waits = future in waiting
-                if flight.waits and self._pool.has_workers:
-                    flight.since = now
-            self._report_waiting(list(in_flight.values()), now)
-        return self._pool.can_kill and any(not f.done() and now - s.since > self._limit for f, s in in_flight.items())
-
-    def _report_waiting(self, in_flight: Sequence[_Flight], now: float) -> None:
-        """Say so if others keep all workers busy, and repeat it less and less often."""
-        if not (self._pool.shared and in_flight and all(flight.waits for flight in in_flight)):
-            self._last_run, self._said = now, 0.0
-            return
-        silence = now - self._last_run
-        if silence >= max(_PATIENCE, min(3.0 * self._said, self._said + _LONGEST_SILENCE)):
-            self._said = silence
-            why = "they are busy with other work" if self._pool.has_workers else "there are none"
-            warnings.warn(
-                f"the study has waited {silence:.0f} s for workers, with {len(in_flight)} shards in flight: {why}",
-                stacklevel=2,
-            )
+        for flight in list(in_flight.values())[self._pool.n_workers :]:
+            flight.since = now  # all workers have others
+        late = (future for future, flight in in_flight.items() if now - flight.since > self._limit)
+        return self._pool.can_kill and any(not future.done() for future in late)
 
     @property
     def _limit(self) -> float:

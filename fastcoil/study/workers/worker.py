@@ -9,7 +9,6 @@ import signal
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,8 +26,6 @@ from fastcoil.study.file.own_code import Source
 from fastcoil.study.workers.reduce import reduce
 from fastcoil.study.workers.user_code import load_rules
 
-_jobs: dict[str, Job] = {}
-
 
 class Interrupt(Exception):
     """The user's code raised ``KeyboardInterrupt``: it would end the worker alone, and is to end the run."""
@@ -37,50 +34,10 @@ class Interrupt(Exception):
 class Job(NamedTuple):
     """What a worker needs of a study; sent once to each, so that a shard is only its indices."""
 
-    key: str
     plan: Plan
     reduction: Source | None
     rules: Mapping[str, Source] = {}
     own_code: RuleHashes = {}
-
-
-def receive(job: Job) -> None:
-    """Keep a job in this process."""
-    _jobs[job.key] = job
-
-
-def find_job(key: str) -> Job:
-    """A job that was received, with the code of its rules."""
-    job = _jobs[key]
-    rules = job.plan.layout.loop.rules
-    load_rules(rules, job.rules)
-    refuse_other_code(own_code_of(rules.values()), job.own_code)
-    return job
-
-
-def receive_in_child(job: Path, parent: int) -> None:
-    """Keep the job in a file in a process that lives no longer than its parent and leaves Ctrl-C to it."""
-    leave_interrupts()
-
-    def follow() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        shutil.rmtree(job.parent, ignore_errors=True)  # a parent that was killed has left it
-        os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
-    receive(pickle.loads(job.read_bytes()))
-
-
-def leave_interrupts() -> None:
-    """Leave Ctrl-C to the parent, which gets it too."""
-    if threading.current_thread() is threading.main_thread():  # no other thread may set signals
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def forget(key: str) -> None:
-    """Drop a job."""
-    _jobs.pop(key, None)
 
 
 def identity() -> tuple[str, str]:
@@ -88,35 +45,13 @@ def identity() -> tuple[str, str]:
     return model_sha256(), fingerprint()
 
 
-def run_received(key: str, shard: Shard | Stretch, expected: tuple[str, str] | None = None) -> xr.Dataset:
-    """Run a shard of a job that was received.  Returns a flat Dataset, see ``run_shard``.
-
-    expected: the identity this worker must have; it may have joined after the others were checked.
-    """
-    if expected is not None and identity() != expected:
-        raise InputError(
-            "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
-            "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
-        )
-    try:
-        return run_scenarios(find_job(key), shard)
-    except KeyboardInterrupt:
-        raise Interrupt from None
-    except InputError as error:
-        problems = error.problems
-    # without the exception of the user's code behind it, which the other process may be unable to read
-    raise InputError(problems)
-
-
-def run_from_file(key: str, stretch: Stretch, begins: Path) -> xr.Dataset:
-    """As ``run_received``, for a stretch that begins in the state in a file, which is then removed."""
-    state = np.load(begins)
-    begins.unlink(missing_ok=True)
-    return run_received(key, replace(stretch, begins=state))
+def itself(job: Job) -> Job:
+    """The job, as a task of a cluster."""
+    return job
 
 
 def run_scenarios(job: Job, shard: Shard | Stretch) -> xr.Dataset:
-    """Run a shard, and reduce its traces if the study asks for it."""
+    """Run a shard, and reduce its traces if the study asks for it.  Returns a flat Dataset, see ``run_shard``."""
     part = run_shard(job.plan, shard)
     if job.reduction is None:
         return part
@@ -128,6 +63,55 @@ def run_scenarios(job: Job, shard: Shard | Stretch) -> xr.Dataset:
         .drop_vars(["elapsed_time", "volume"], errors="ignore")
         .merge(reduce(job.reduction, traces))
     )
+
+
+def run_elsewhere(job: Job, shard: Shard | Stretch, expected: tuple[str, str] | None = None) -> xr.Dataset:
+    """As ``run_scenarios``, for a job that came from another process, which has the code of its rules only as text.
+
+    expected: the identity this worker must have; it may have joined after the others were checked.
+    """
+    if expected is not None and identity() != expected:
+        raise InputError(
+            "a worker that joined the dask cluster differs from the others in its version of fastcoil, CPU, Python or "
+            "libraries: use workers of one kind; finished scenarios are kept, run the same command again to resume"
+        )
+    rules = job.plan.layout.loop.rules
+    try:
+        load_rules(rules, job.rules)
+        refuse_other_code(own_code_of(rules.values()), job.own_code)
+        return run_scenarios(job, shard)
+    except KeyboardInterrupt:
+        raise Interrupt from None
+    except InputError as error:
+        problems = error.problems
+    # without the exception of the user's code behind it, which the other process may be unable to read
+    raise InputError(problems)
+
+
+_jobs: list[Job] = []
+"""The job of this process, if it is a worker."""
+
+
+def begin_process(job: Path, parent: int) -> None:
+    """Keep the job in a file in a process that lives no longer than its parent and leaves Ctrl-C to it."""
+    if threading.current_thread() is threading.main_thread():  # no other thread may set signals
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def follow() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        shutil.rmtree(job.parent, ignore_errors=True)  # a parent that was killed has left it
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+    _jobs.append(pickle.loads(job.read_bytes()))
+
+
+def run_from_file(path: Path) -> xr.Dataset:
+    """Run the shard in a file, which is removed, of the job of this process."""
+    shard = pickle.loads(path.read_bytes())
+    path.unlink(missing_ok=True)
+    return run_elsewhere(_jobs[0], shard)
 
 
 def crashed_part(job: Job, index: np.ndarray) -> xr.Dataset:

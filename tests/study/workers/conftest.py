@@ -9,4 +9,4 @@ from fastcoil.study.workers.worker import Job
 @pytest.fixture(scope="module")
 def job(small_study):
     """A job to hand out in shards; nothing of it is run."""
-    return Job("key", read_study(small_study).plan, None)
+    return Job(read_study(small_study).plan, None)

@@ -16,9 +16,8 @@ from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers import pools as dask_cluster
-from fastcoil.study.workers import pools as dask_connection
-from fastcoil.study.workers.worker import Job, forget, identity, receive, run_received
+from fastcoil.study.workers import pools
+from fastcoil.study.workers.worker import Job, identity, run_elsewhere
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
@@ -52,14 +51,14 @@ def here(tmp_path, monkeypatch):
         (["--backend", "Dask"], "choose one of threads, loky, dask"),
         (["--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
         (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
-        (["--backend", "dask", "--scheduler", ""], "scheduler is empty"),
+        (
+            ["--backend", "dask", "--scheduler", ""],
+            "'dask' without scheduler: give its address, such as tcp://host:8786",
+        ),
         (["-j", "0"], "n_jobs = 0: must be at least 1"),
         (["-j", "-1"], "n_jobs = -1: must be at least 1"),
         (["-j", "10000", "--backend", "loky"], "n_jobs = 10000: must be at least 1 and at most 1024"),
-        (
-            ["--backend", "dask"],
-            "'dask' without scheduler: give its address; on this machine alone, loky",
-        ),
+        (["--backend", "dask"], "on this machine alone, loky does the same"),
     ],
 )
 def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
@@ -68,14 +67,14 @@ def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://127.0.0.1:1", "tcp://127.0.0.1"])
 def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
-    monkeypatch.setattr(dask_connection, "_WAIT_FOR_SCHEDULER", 0.5)
+    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.5)
     said = refused(here, "small.toml", "--backend", "dask", "--scheduler", address)
     assert f"no dask scheduler answers at '{address}'" in said
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
 def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
-    monkeypatch.setattr(dask_connection, "_WAIT_FOR_SCHEDULER", 1.0)
+    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
         talking = []
 
@@ -99,7 +98,7 @@ def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
 
 
 def test_a_scheduler_without_workers_is_refused(here, monkeypatch, tmp_path):
-    monkeypatch.setattr(dask_cluster, "_WAIT_FOR_WORKERS", 1.0)
+    monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
     with cluster(tmp_path / "cluster", 0) as alone:
         said = refused(here, "small.toml", "--backend", "dask", "--scheduler", alone.address)
     assert f"fastcoil: the dask scheduler at {alone.address} has no workers" in said
@@ -112,7 +111,7 @@ def test_workers_that_do_not_answer_are_refused(here, monkeypatch, tmp_path):
         with frozen.client() as client:
             client.wait_for_workers(1, timeout=30)
         frozen.processes[-1].send_signal(signal.SIGSTOP)
-        monkeypatch.setattr(dask_cluster, "_WAIT_FOR_WORKERS", 1.0)
+        monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
         said = refused(here, "small.toml", "--backend", "dask", "--scheduler", frozen.address)
     assert "has no workers, or one that does not answer" in said
 
@@ -128,7 +127,7 @@ def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
 
 
 def test_workers_of_another_version_are_refused(here, monkeypatch, two_workers):
-    monkeypatch.setattr(dask_cluster, "model_sha256", lambda: "another model")
+    monkeypatch.setattr(pools, "model_sha256", lambda: "another model")
     said = refused(here, "small.toml", "--backend", "dask", "--scheduler", two_workers.address)
     assert "run another version of fastcoil" in said
 
@@ -150,12 +149,8 @@ def test_workers_that_differ_are_refused(here, two_workers):
 
 def test_a_worker_that_joins_later_and_differs_refuses_to_work(small_study):
     plan = read_study(small_study).plan
-    job = Job("late", plan, None)
-    receive(job)
-    try:
-        found = run_received("late", Shard(np.arange(3)), identity())
-        assert found["status"].values.tolist() == [0, 0, 0]
-        with pytest.raises(InputError, match="use workers of one kind"):
-            run_received("late", Shard(np.arange(3)), (identity()[0], "another machine"))
-    finally:
-        forget("late")
+    job = Job(plan, None)
+    found = run_elsewhere(job, Shard(np.arange(3)), identity())
+    assert found["status"].values.tolist() == [0, 0, 0]
+    with pytest.raises(InputError, match="use workers of one kind"):
+        run_elsewhere(job, Shard(np.arange(3)), (identity()[0], "another machine"))

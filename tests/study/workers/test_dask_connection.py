@@ -10,8 +10,7 @@ import pytest
 from helpers.processes import cluster, ended, started
 
 import fastcoil as fc
-from fastcoil.study.workers import pools as dask_connection
-from fastcoil.study.workers.pools import connect
+from fastcoil.study.workers import pools
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
@@ -69,11 +68,11 @@ def test_a_scheduler_that_others_can_reach_without_a_certificate_is_noted_once(m
     async def answers(_):
         pass
 
-    monkeypatch.setattr(dask_connection, "_check_answers", answers)
+    monkeypatch.setattr(pools, "_check_answers", answers)
     monkeypatch.setattr(distributed, "Client", lambda *_, **__: "client")
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        assert connect(address) == "client"
+        assert pools.connect(address) == "client"
     notes = [
         f"anyone who can reach the dask scheduler at {address}, or its workers, can run code as you: use tls:// on a "
     ]

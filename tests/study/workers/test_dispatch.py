@@ -31,14 +31,11 @@ FULL = bool(os.environ.get("FASTCOIL_FULL"))
     hangs=st.sets(st.integers(0, N - 1), max_size=2),
     size=st.integers(1, N),
     seed=st.integers(0, 99),
-    in_order=st.booleans(),
 )
 def test_exactly_the_scenarios_that_kill_or_hang_are_crashed(
-    job, n_workers, falls_together, culprits, hangs, size, seed, in_order
+    job, n_workers, falls_together, culprits, hangs, size, seed
 ):
     pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, hangs=hangs, seed=seed)
-    if in_order:
-        pool.waiting = lambda futures: futures[n_workers:]
     status = found(pool, job, in_shards(size), time_limit=5.0)
     assert sorted(status) == list(range(N))
     assert {k for k, flag in status.items() if flag != STATUS_OK} == culprits | hangs

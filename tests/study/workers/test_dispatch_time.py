@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import warnings
-
-import numpy as np
 import pytest
 from helpers.dying_pool import Pool, found, healthy, in_shards
 from helpers.processes import N_SCENARIOS as N
@@ -45,60 +41,8 @@ def test_without_the_means_to_kill_nothing_is_overdue(job):
     assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N
 
 
-def kept_busy(pool, until):
-    """Have others keep the workers of a pool busy for some seconds."""
-    wait = pool.wait
-    pool.shared, pool.waits = True, lambda future: pool.now < until
-
-    def idly(futures, timeout, return_when):
-        if pool.waits(None):
-            pool.now += timeout
-            return set(), set(futures)
-        return wait(futures, timeout, return_when)
-
-    pool.wait = idly
-
-
-def test_a_shard_that_has_not_started_is_not_overdue_and_the_wait_is_reported_now_and_then(job):
-    pool = Pool(2, falls_together=False, seed=1)
-    kept_busy(pool, until=3000.0)
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
-        assert set(found(pool, job, in_shards(16), time_limit=5.0).values()) == {STATUS_OK}
-    assert pool.n_restarts == 0
-    said = [str(w.message) for w in warned]
-    assert all(s.endswith("for workers, with 3 shards in flight: they are busy with other work") for s in said)
-    assert [int(re.search(r"(\d+) s", s)[1]) for s in said] == pytest.approx(
-        [10, 30, 90, 270, 810, 1410, 2010, 2610], abs=12
-    )
-
-
-def test_a_wait_for_workers_that_nobody_else_uses_is_not_reported(job):
-    pool = Pool(2, falls_together=False)
-    kept_busy(pool, until=100.0)
-    pool.shared = False
-    assert len(found(pool, job, in_shards(16), time_limit=5.0)) == N  # a warning would be an error
-
-
-def test_shards_are_not_blamed_for_workers_that_never_come(job):
-    pool = Pool(2, falls_together=False)
-    kept_busy(pool, until=np.inf)
-    restart = pool.restart
-
-    def start_at_last():
-        restart()
-        if pool.n_restarts == 3:
-            pool.has_workers, pool.waits = True, lambda future: False
-
-    pool.shared, pool.has_workers, pool.restart = False, False, start_at_last
-    assert set(found(pool, job, in_shards(1, 4), time_limit=5.0).values()) == {STATUS_OK}
-    assert sorted(pool.runs) == [0, 1, 2, 3]
-    assert pool.n_restarts == 3
-
-
 def test_the_neighbour_of_a_shard_that_hangs_is_not_suspected_before_it_ran(job):
     pool = Pool(1, falls_together=True, hangs=[0])
-    pool.waiting = lambda futures: futures[1:]
     wait, submitted = pool.wait, []
 
     def in_order(futures, timeout, return_when):
