@@ -20,6 +20,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtu
 
 
 @pytest.mark.alone
+@pytest.mark.filterwarnings("ignore:no shard has finished")
 @pytest.mark.parametrize("harm", [failing_shards.killed, pytest.param(failing_shards.stops, marks=pytest.mark.full)])
 def test_a_cluster_that_loses_a_worker_goes_on_and_one_without_any_is_reported_and_no_scenario_blamed(
     study, golden, tmp_path, monkeypatch, harm
