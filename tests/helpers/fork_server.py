@@ -85,6 +85,9 @@ class Serial:
         future.set_result(run_scenarios(self.job, shard))
         return future
 
+    def stalled(self, seconds: float) -> None:
+        pass
+
     def close(self) -> None:
         pass
 

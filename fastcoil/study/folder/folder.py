@@ -14,7 +14,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import platform
 import time
@@ -26,6 +25,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import xarray as xr
+from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from fastcoil.base.arguments import is_text
 from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError, shown
@@ -54,8 +54,8 @@ _LONGEST_HOLDER = 4096
 _PATIENCE, _PAUSE = 0.5, 0.01
 """Seconds to try to get the lock, which a reader may hold for a moment; seconds between two trials."""
 _SETTLING = 1.0  # seconds that a run may need between two files that belong together
-_WITHOUT_LOCKS = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS)
-"""Answers of a file system that has no locks, or has run out of them."""
+_CANNOT_LOCK = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, errno.ELOOP, errno.EISDIR)
+"""Answers of a file system that has no locks, and where the lock is no file."""
 Read = TypeVar("Read")
 
 
@@ -172,25 +172,17 @@ class StudyFolder:
         return open_final(self.path, self.read_manifest())
 
     def settled(self, read: Callable[[], Read]) -> Read:
-        """Read something that another run may be writing: again, as long as it is inconsistent and changes."""
-        while True:
-            before = self._state()
+        """Read something that another run may be writing: again, as long as it is inconsistent and somebody writes."""
+        end = time.monotonic() + _SETTLING
+        while time.monotonic() < end:
+            writing = find_holder(self.path)
             try:
                 return read()
             except IntegrityError:
-                end = time.monotonic() + (_SETTLING if find_holder(self.path) else 0.0)
-                while (same := self._state() == before) and time.monotonic() < end:
-                    time.sleep(_SETTLING / 50)
-                if same:
-                    raise
-
-    def _state(self) -> list[object]:
-        found: list[object] = []
-        for name in (MANIFEST, STUDY, RESULTS):
-            with suppress(OSError):
-                status = (self.path / name).stat()
-                found.append((name, status.st_ino, status.st_mtime_ns))
-        return found
+                if not writing:
+                    break
+                time.sleep(_SETTLING / 50)
+        return read()
 
     def trace_files(self) -> list[Path]:
         """All files of traces, whether they are of these results or not."""
@@ -228,109 +220,68 @@ def hold(folder: Path) -> Iterator[None]:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose another folder with -o")
         made = [p for p in (folder, *folder.parents) if not p.exists()]
-    lock = None
+    lock = FileLock(folder / _LOCK)
     try:
         with storage_errors(folder, "written"):
             make_folder(folder, parents=True)
-            try:
-                lock = _acquire(folder)
-            except StorageError:
-                if made:  # where there are no locks, nothing holds this one
-                    (folder / _LOCK).unlink(missing_ok=True)
-                raise
+            _acquire(lock, folder)
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = f"process {os.getpid()} on {platform.node()} since {now}"
         commit(folder / _HOLDER, text.encode(errors="replace"))
         remove_unfinished(folder)
         yield
+    except LockedError:
+        made = []  # it is the other's too
+        raise
     finally:
-        if lock is not None:
-            with suppress(OSError):  # what is left does no harm
+        with suppress(OSError):  # what is left does no harm
+            if lock.is_locked:
                 (folder / _HOLDER).unlink(missing_ok=True)
-                if made and [p.name for p in folder.iterdir()] == [_LOCK]:
-                    (folder / _LOCK).unlink()
-            os.close(lock)
+            if made and [p.name for p in folder.iterdir()] == [_LOCK]:
+                (folder / _LOCK).unlink()
+        lock.release()
         with suppress(OSError):  # one that is not empty stays
             for path in made:
                 path.rmdir()
 
 
+def _acquire(lock: BaseFileLock, folder: Path) -> None:
+    try:
+        lock.acquire(timeout=_PATIENCE, poll_interval=_PAUSE)
+        reason = "Function not implemented" if isinstance(lock, SoftFileLock) else ""  # it would outlive a kill
+    except Timeout:
+        holder = _describe_holder(folder) or "another run"
+        raise LockedError(f"{folder} is in use by {holder}: wait for it to end, or choose another folder") from None
+    except (OSError, NotImplementedError) as error:
+        if isinstance(error, OSError) and error.errno not in _CANNOT_LOCK:
+            raise
+        reason = getattr(error, "strerror", None) or str(error)
+    if reason:
+        raise StorageError(
+            f"{lock.lock_file} cannot be locked ({reason}), so that two runs could spoil each other's results: delete "
+            "it if it is a link or a folder, otherwise choose a folder on another file system with -o"
+        )
+
+
 def find_holder(folder: Path) -> str | None:
     """Who is writing to the folder, in words, or ``None``."""
-    try:
-        lock = _open(folder / _LOCK, os.O_RDONLY)
-    except (OSError, StorageError):  # nothing can write here
+    if not (folder / _LOCK).is_file():
         return None
     try:
-        # shared, so that two readers do not take each other for a writer
-        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
+        with FileLock(folder / _LOCK, timeout=0):
+            return None
+    except Timeout:
         return _describe_holder(folder)
-    except OSError:
+    except (OSError, NotImplementedError):  # nothing of ours can write here
         return None
-    finally:
-        os.close(lock)
-    return None
 
 
-def _acquire(folder: Path) -> int:
-    """The descriptor of the lock file, which holds the lock until it is closed."""
-    path, last = folder / _LOCK, time.monotonic() + _PATIENCE
-    while True:
-        lock, held = _open(path, os.O_RDWR | os.O_CREAT), False
-        try:
-            # its last holder may have removed the file of that name
-            held = _try_to_lock(lock, folder) and _is_same(lock, path)
-        finally:
-            if not held:
-                os.close(lock)
-        if held:
-            return lock
-        if time.monotonic() > last:
-            raise LockedError(
-                f"{folder} is in use by {_describe_holder(folder)}: wait for it to end, or choose another folder"
-            )
-        time.sleep(_PAUSE)
-
-
-def _try_to_lock(lock: int, folder: Path) -> bool:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):  # some file systems answer EACCES
-        return False
-    except OSError as error:
-        if error.errno not in _WITHOUT_LOCKS:
-            raise
-        raise StorageError(
-            f"{folder} is on a file system without locks ({error.strerror}), where two runs could spoil each other's "
-            "results: choose a folder on another one with -o"
-        ) from None
-    return True
-
-
-def _open(path: Path, flags: int) -> int:
-    """Open the lock file itself: a link could lead to any other file."""
-    try:
-        return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
-    except OSError as error:
-        if error.errno not in (errno.ELOOP, errno.EISDIR):
-            raise
-        raise StorageError(
-            f"{path} is a link or a folder, but not a file: delete it, then run the same again"
-        ) from None
-
-
-def _is_same(lock: int, path: Path) -> bool:
-    """Whether the open file is still the one of that name."""
-    try:
-        return os.path.samestat(os.fstat(lock), os.stat(path, follow_symlinks=False))
-    except FileNotFoundError:
-        return False
-
-
-def _describe_holder(folder: Path) -> str:
+def _describe_holder(folder: Path) -> str | None:
+    """The note of the run that holds the folder; ``None`` without one, as of a lock that somebody looks at."""
     try:
         text = read_bytes(folder / _HOLDER, _LONGEST_HOLDER, follow=False).decode(errors="replace")
+    except FileNotFoundError:
+        return None
     except (OSError, ValueError):
         return "another run"
     return f"another run ({printable(text)})"
