@@ -37,7 +37,6 @@ COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
 _AS_DRY = "as that of heat alone"
 _ROWS = np.array([PARAMETER_ROWS.index(name) for name in COIL])
 _AIR_FLOWS = 9
-_LONGEST_DAYS = 60
 _STILL, _MOSTLY = 0.05, 0.95
 """Air stands still below the first share of the flow that it stays below for the second share of the time."""
 _ROUND_OFF = 1e-6  # of times counted from the start of a piece, s
@@ -152,7 +151,6 @@ def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Re
     if not of_fit["m_w"].any():
         raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow")
     pieces = unbroken(log.batch)
-    require_days(log, pieces)
     holds = COIL_COLUMNS if log.change_of_value else holds
     found = []
     for piece in pieces:
@@ -178,13 +176,6 @@ def on_seconds(time: Array, values: Mapping[str, Array], holds: Collection[str])
 def number_in(loop: Loop, name: str) -> float:
     """A parameter that a loop has one number for."""
     return float(loop[name])  # type: ignore[arg-type]
-
-
-def require_days(log: Log, pieces: list[Index]) -> None:
-    """Refuse a log of so many days that its fit would take many minutes."""
-    days = sum(log.time[piece[-1]] - log.time[piece[0]] for piece in pieces) / 86400
-    if days > _LONGEST_DAYS:
-        raise InputError(f"{log.name}: the log lasts {days:.0f} days: cut it to {_LONGEST_DAYS} at most")
 
 
 def _limits(values: Mapping[str, Array], loop: Loop) -> Limits:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import checking, choice_of, number_of, plain
+from fastcoil.base.arguments import checking, choice_of, names_of, number_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.errors import shown
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.loop import Loop
@@ -125,15 +125,8 @@ def fit_coil(
 
 def _held_inputs(holds: Any) -> tuple[str, ...]:
     """The inputs that hold, under the names that the model has for them."""
-    if holds is None:
-        return ()
-    names = [holds] if isinstance(holds, str) or not isinstance(holds, Iterable) else list(map(plain, holds))
-    known = f"choose from {', '.join(_INPUTS)}"
-    for name in names:
-        if not isinstance(name, str):
-            raise InputError(WrongType(f"holds has {shown(name)}: {known}"))
-        if name not in _INPUTS:
-            raise InputError(f"holds has {shown(name)}: {known}")
+    nothing = holds is None or (isinstance(holds, Sequence) and not holds)
+    names = [] if nothing else [choice_of("holds", name, _INPUTS) for name in names_of("holds", holds)]
     return tuple("W_a_in" if name in HUMIDITIES else name for name in names)
 
 

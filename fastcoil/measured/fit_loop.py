@@ -21,7 +21,7 @@ from fastcoil.logs.series import HUMIDITIES, counted
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.coil_problem import in_operation, number_in, on_seconds, require_days, require_temperatures
+from fastcoil.measured.coil_problem import in_operation, number_in, on_seconds, require_temperatures
 from fastcoil.measured.fit import Fit, finished, poor, profile_of, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals
@@ -255,7 +255,6 @@ class LoopProblem:
         kept = [samples for samples in pieces if self.compared[samples].any()]
         if len(kept) < len(pieces):
             self.notes.append(f"{counted(len(pieces) - len(kept), 'piece')} shorter than the warm-up left out")
-        require_days(data, kept)
         for samples in kept:
             of_piece = {name: series[samples] for name, series in values.items()}
             series, at = on_seconds(data.time[samples], of_piece, ("held",))

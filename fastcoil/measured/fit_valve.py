@@ -16,15 +16,13 @@ from fastcoil.logs import Log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, poor, profile_of, rmse_of
 from fastcoil.measured.lag import with_lag, without_lag
-from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
-from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution
-from fastcoil.measured.valve_sampling import judged
+from fastcoil.measured.part import ABOVE_0, FITTING, UNUSED, VALIDATION, checked_part
+from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution, judged
 from fastcoil.model.engine.recorded import VALVE_ROWS
 
 _WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
 _LEAST_REACH = 0.02  # a command that stays below this share of the stroke has the wrong unit
 _LEAST_SHARE = 0.8  # noise may lift readings above the asymptotic flow, but it is at least this share of them
-_LARGEST_FLOW = 1e6  # of any valve, kg/s
 _FEWEST_ROWS = 3  # rows of a piece, on average: where in its gap a piece starts is one more unknown
 _LONGEST_LAG = 86400.0
 
@@ -107,10 +105,9 @@ def fit_valve(
     that a full command opens the valve fully.
     """
     started = time.perf_counter()
-    flow = {"least": math.nextafter(0.0, 1.0), "most": _LARGEST_FLOW}
     with checking() as check:
         log = check(log_of, "log", log)
-        m_max = check.unless_none(number_of, "m_max", m_max, "give a number above 0 and at most 1e6 kg/s", **flow)
+        m_max = check.unless_none(number_of, "m_max", m_max, "give a flow above 0 kg/s", least=ABOVE_0)
         floor = check.unless_none(number_of, "floor", floor, "give a number, 0 or more", least=0.0)
         settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
         initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))

@@ -294,13 +294,8 @@ class _Found(NamedTuple):
 def _searched(basis: Array, rows: _Changes, step: float, per_sample: int) -> _Found:
     """The best lags, delay and curve on the grid, then among the neighbours of these."""
     rows.memory = np.zeros(rows.order)
-    grid = [
-        (slow, fast, round(delay / step))
-        for slow in PLANT_LAGS
-        for fast in PLANT_LAGS
-        if fast <= slow
-        for delay in DELAYS
-    ]
+    pairs = [(slow, fast) for slow in PLANT_LAGS for fast in PLANT_LAGS if fast <= slow]
+    grid = [(*lags, round(delay / step)) for lags in pairs for delay in DELAYS]
     candidates = _filtered(basis, grid, step, per_sample)
     for _ in range(ROUNDS):
         best = _best(candidates, rows)
@@ -313,10 +308,10 @@ def _searched(basis: Array, rows: _Changes, step: float, per_sample: int) -> _Fo
 
 def _filtered(basis: Array, grid: list[tuple[float, float, int]], step: float, per_sample: int) -> list[_Found]:
     """The basis behind the lags and delay of each point of a grid, at the samples of the log."""
-    slows = sorted({slow for slow, _, _ in grid})
     pairs = sorted({(slow, fast) for slow, fast, _ in grid})
-    once = lagged(np.repeat(basis[:, :, np.newaxis], len(slows), axis=2), _shares(slows, step))
-    both = lagged(once[:, :, [slows.index(slow) for slow, _ in pairs]], _shares([fast for _, fast in pairs], step))
+    both = np.repeat(basis[:, :, np.newaxis], len(pairs), axis=2)
+    for lags in zip(*pairs, strict=True):
+        both = lagged(both, 1.0 - np.exp(-step / np.array(lags)))
     found = []
     for slow, fast, delay in grid:
         series = both[:, :, pairs.index((slow, fast))]
@@ -324,11 +319,6 @@ def _filtered(basis: Array, grid: list[tuple[float, float, int]], step: float, p
         delayed = np.concatenate([early, series[: series.shape[0] - delay]])[::per_sample]
         found.append(_Found(slow, fast, delay, delayed))
     return found
-
-
-def _shares(lags: list[float], step: float) -> Array:
-    """Of the way to its input that a lag goes in a step."""
-    return np.asarray(1.0 - np.exp(-step / np.array(lags)))
 
 
 def lagged(series: Array, share: Array | float) -> Array:

@@ -179,15 +179,11 @@ class Uncertainty:
     variance: float
     dead: tuple[int, ...]
 
-    def quantile(self) -> float:
-        """Half width of a 95 % interval in standard errors."""
-        return _quantile(self.freedom)
+    def quantile(self, freedom: float | None = None) -> float:
+        """Half width of a 95 % interval in standard errors, with its own or another number of degrees of freedom."""
+        from scipy.stats import t
 
-
-def _quantile(freedom: float) -> float:
-    from scipy.stats import t
-
-    return float(t.ppf(0.5 + CONFIDENCE / 2, freedom))
+        return float(t.ppf(0.5 + CONFIDENCE / 2, freedom or self.freedom))
 
 
 def uncertainty(
@@ -303,7 +299,7 @@ def widened(model: Model, best: Estimate, spread: Uncertainty, fixed: list[int])
     low, high = np.quantile(moved, [0.1587, 0.8413], axis=0)
     deviation = 0.5 * (high - low) * np.sqrt(n_blocks / (n_blocks - 1))
     ratio = deviation / np.sqrt(np.diag(spread.covariance)[common])
-    ratio *= _quantile(n_blocks - 1) / spread.quantile()
+    ratio *= spread.quantile(n_blocks - 1) / spread.quantile()
     factor = np.ones(best.x.size)
     factor[common] = np.maximum(ratio, 1.0)
     covariance = spread.covariance * np.outer(factor, factor)

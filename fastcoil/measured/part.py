@@ -18,7 +18,7 @@ from fastcoil.logs.series import counted
 FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
 SPLIT = 0.7  # share of a log that is fitted by default
 _BATCHES_TO_SPLIT_BY = 4
-_ABOVE_0 = math.nextafter(0.0, 1.0)
+ABOVE_0 = math.nextafter(0.0, 1.0)
 
 
 class Part(NamedTuple):
@@ -66,8 +66,8 @@ def checked_part(check: Checks, split: Any, fit_until: Any, validation: Any) -> 
     share = "give the share to fit, above 0 and at most 1"
     last = "give seconds after the first row, which is 0"
     part = Part(
-        check.unless_none(number_of, "split", split, share, least=_ABOVE_0, most=1.0),
-        check.unless_none(number_of, "fit_until", fit_until, last, least=_ABOVE_0, most=math.inf),
+        check.unless_none(number_of, "split", split, share, least=ABOVE_0, most=1.0),
+        check.unless_none(number_of, "fit_until", fit_until, last, least=ABOVE_0, most=math.inf),
         check.unless_none(log_of, "validation", validation),
     )
     other = "fit_until" if part.validation is None else "validation"

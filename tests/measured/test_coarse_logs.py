@@ -9,10 +9,9 @@ from helpers.simulated_logs import flows, log_of, noise, noisy, walk
 import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
-from fastcoil.measured import valve_sampling as sampling
+from fastcoil.measured import valve_problem
 from fastcoil.measured.part import Part
-from fastcoil.measured.valve_problem import ValveProblem
-from fastcoil.measured.valve_sampling import Judged, judged
+from fastcoil.measured.valve_problem import Judged, ValveProblem, judged
 
 pytestmark = pytest.mark.kernel
 
@@ -43,8 +42,8 @@ def coarse():
 
 
 def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_command_holds(monkeypatch, coarse):
-    assert sampling._besides_noise(*coarse) > 0.2
-    monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.2)
+    assert valve_problem._besides_noise(*coarse) > 0.2
+    monkeypatch.setattr(valve_problem, "_besides_noise", lambda *_: 0.2)
     allowed, held = judged(*coarse, False), judged(*coarse, True)
     assert held == (coarse[1].profile.interval, "", "")
     assert allowed.interval[0] < held.interval[0] < held.interval[1] < allowed.interval[1]
@@ -53,13 +52,13 @@ def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_comma
 
 
 def test_an_allowance_wider_than_the_backlash_leaves_it_not_identified(monkeypatch, coarse):
-    monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.5)
-    monkeypatch.setattr(sampling, "_PER_SHARE", 3.0)
+    monkeypatch.setattr(valve_problem, "_besides_noise", lambda *_: 0.5)
+    monkeypatch.setattr(valve_problem, "_PER_SHARE", 3.0)
     assert "may lie behind" in judged(*coarse, False).why
 
 
 def test_where_the_backlash_explains_little_beside_them_it_is_not_identified(monkeypatch, coarse):
-    monkeypatch.setattr(sampling, "_besides_noise", lambda *_: 0.51)
+    monkeypatch.setattr(valve_problem, "_besides_noise", lambda *_: 0.51)
     assert "the backlash explains little of what the curve alone leaves" in judged(*coarse, False).why
 
 

@@ -36,7 +36,7 @@ def test_a_dead_sensor_and_a_dry_pipe_are_refused(coil_log):
     [
         ({"split": 2.0}, "split = 2.0: give the share to fit, above 0 and at most 1"),
         ({"initial": "up"}, "initial = 'up'"),
-        ({"m_max": "2"}, "m_max = '2': give a number above 0 and at most 1e6 kg/s"),
+        ({"m_max": "2"}, "m_max = '2': give a flow above 0 kg/s"),
         ({"m_max": 0.1}, "m_max = 0.1 kg/s: valve.csv has flows up to"),
         ({"floor": 99.0}, "floor = 99 kg/s: valve.csv has no larger flow"),
         ({"floor": float("nan")}, "floor = nan: give a number, 0 or more"),
@@ -57,7 +57,11 @@ def test_bad_arguments_of_a_valve_are_refused(valve_log, options, words):
         ({"T_initial": "x"}, "T_initial = 'x': give a number (from 0 to 50)"),
         ({"n_volumes": [4, 8]}, "n_volumes = [4, 8]: give one value"),
         ({"minimise_on": ["T_sup"]}, "minimise_on = ['T_sup']: choose 'T_sup' or 'both'"),
-        ({"holds": "m_x"}, "holds has 'm_x': choose from m_w, m_a, T_w_in, T_a_in, W_a_in, RH_a_in, T_dp_in"),
+        (
+            {"holds": "m_x"},
+            "holds = 'm_x', did you mean 'm_w'?: choose 'm_w', 'm_a', 'T_w_in', 'T_a_in', 'W_a_in', 'RH_a_in' "
+            "or 'T_dp_in'",
+        ),
         ({"constants": {"T_w_out": "x"}}, "coil.csv: constants has T_w_out = 'x': give a number from 0.1 to 150 degC"),
     ],
 )

@@ -90,7 +90,7 @@ def test_a_diagnosis_on_the_command_line(tmp_path):
     found.require_alone()
     assert done.output.splitlines()[1] in found.text
     assert "Is it the valve? log.csv" in found.text
-    assert "normalised Harris index" in found.text
+    assert "regularity of the swing after Thornhill" in found.text
 
 
 @pytest.mark.full
