@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.measured.fitted_loop import FITTED_HUNTS_ABOVE, FittedLoop, Outcome, what_if
+from fastcoil.measured.fitted_loop import FITTED_HUNTS_ABOVE, FittedLoop, Outcome, too_little, what_if
 from fastcoil.measured.measures import Measures, Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
@@ -16,8 +16,6 @@ FULL_SWING = 0.6
 ALIKE, LEAST_SIZE = 1.6, 0.5
 """A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
 share of the logged one."""
-LEAST_EXPLAINED = 0.1
-"""Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
 GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
 """Factors on the gain of the model, which no log resolves exactly, and how many of these have to agree."""
 _KICKED, _LEAST_KICK = 600.0, 1.0
@@ -72,14 +70,6 @@ def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
     return Cause(
         UNKNOWN, "whether the loop would hunt by itself turns on a tenth of its gain, which the log does not tell"
     )
-
-
-def too_little(fitted: FittedLoop) -> str:
-    """Why the model of a loop holds too little of it to be used, or nothing."""
-    share = fitted.plant.explained
-    if share >= LEAST_EXPLAINED:
-        return ""
-    return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
 
 
 def by_itself(fitted: FittedLoop, swing: Swing) -> FittedLoop:

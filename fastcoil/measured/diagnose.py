@@ -12,9 +12,9 @@ from fastcoil.base.arguments import checking, number_of
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
-from fastcoil.measured.cause import cause_of, predictions_of, too_little
+from fastcoil.measured.cause import cause_of, predictions_of
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
-from fastcoil.measured.fitted_loop import FittedLoop, fit_loop_model
+from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, identify_backlash
 from fastcoil.measured.measures import Measures, measures_of
@@ -88,7 +88,10 @@ def diagnose(
     )  # fmt: skip
     measures = measures_of(grid, seconds)
     found = _doubted(found, grid, measures)
-    loop = _modelled(grid, found, seconds, sample_time)
+    backlash = found.backlash if np.isfinite(found.backlash) else 0.0
+    loop = fit_loop_model(
+        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on
+    )
     cause = cause_of(measures, loop, identified=found.identified)
     doubt = loop if isinstance(loop, str) else loop.doubt
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
@@ -122,7 +125,7 @@ def diagnose(
         ),
         indices=xr.Dataset(
             {
-                name: ((), value, dict(zip(("units", "long_name"), INDICES[name][:2], strict=True)))
+                name: ((), value, dict(zip(("units", "long_name"), INDICES[name], strict=True)))
                 for name, value in indices.items()
             }
         ),
@@ -161,18 +164,6 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
     else:
         return found
     return found._replace(low=low, high=high, identified=False, reason=reason)
-
-
-def _modelled(grid: Grid, found: Identification, stroke_time: float, sample_time: float | None) -> FittedLoop | str:
-    """The loop as a model, or why there is none."""
-    values = grid.values
-    if "T_set" not in values:
-        return "the log has no set-point (T_set)"
-    backlash = found.backlash if np.isfinite(found.backlash) else 0.0
-    loop = fit_loop_model(
-        values["command"], values["T_sup"], values["T_set"], grid.interval, backlash, stroke_time, sample_time, grid.on
-    )
-    return loop if isinstance(loop, str) else loop._replace(doubt=too_little(loop) or loop.doubt)
 
 
 def _signals(grid: Grid, measures: Measures) -> xr.Dataset:

@@ -12,7 +12,6 @@ import xarray as xr
 from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
-from fastcoil.measured.grid import openings
 from fastcoil.measured.identify import GOOD
 
 if TYPE_CHECKING:
@@ -20,24 +19,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INDICES = {
-    "error_rms": ("K", "RMS control error", "error, RMS"),
-    "error_rms_settled": ("K", "RMS control error, settled and in control", "error, settled"),
-    "peak_to_peak": ("K", "swing of the supply temperature, peak to peak", "swing, peak to peak"),
-    "period": ("s", "period of the swing", "period"),
-    "regularity": ("1", "regularity of the swing after Thornhill: regular above 1", "regularity (Thornhill)"),
-    "periodic_share": ("1", "share of the variance that comes back after a period", ""),
-    "command_swing": ("1", "median swing of the command in a period, peak to peak", ""),
-    "motor_travel": ("d-1", "strokes of the motor in a day", "motor, strokes a day"),
-    "reversals": ("d-1", "turns of the motor in a day", "motor, turns a day"),
-    "kp": ("K-1", "gain of the controller", "controller gain"),
-    "ti": ("s", "integral time of the controller", "integral time"),
-    "sample_time": ("s", "time between samples of the controller", ""),
-    "plant_gain": ("K", "change of the temperature over the stroke", ""),
-    "margin": (
-        "1", "margin max |L||N| of the describing function: above 0.8 a gap makes it hunt", "margin (hunts above 0.8)",
-    ),
-}  # fmt: skip
-"""Unit and meaning of each index, and how the page calls it, if it has it."""
+    "error_rms": ("K", "RMS control error"),
+    "error_rms_settled": ("K", "RMS control error, settled and in control"),
+    "peak_to_peak": ("K", "swing of the supply temperature, peak to peak"),
+    "period": ("s", "period of the swing"),
+    "regularity": ("1", "regularity of the swing after Thornhill: regular above 1"),
+    "periodic_share": ("1", "share of the variance that comes back after a period"),
+    "command_swing": ("1", "median swing of the command in a period, peak to peak"),
+    "motor_travel": ("d-1", "strokes of the motor in a day"),
+    "reversals": ("d-1", "turns of the motor in a day"),
+    "kp": ("K-1", "gain of the controller"),
+    "ti": ("s", "integral time of the controller"),
+    "sample_time": ("s", "time between samples of the controller"),
+    "plant_gain": ("K", "change of the temperature over the stroke"),
+    "margin": ("1", "margin max |L||N| of the describing function: above 0.8 a gap makes it hunt"),
+}
+"""Unit and meaning of each index."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,7 +169,7 @@ def _cures(d: Diagnosis) -> list[str]:
 
 
 _TELLING = 7200.0  # seconds that are drawn
-_SIZE = (7.5, 9.0)
+_SIZE = (7.5, 6.8)
 _ROOM = 160.0  # per cent of the longest bar, for the words behind it
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
@@ -182,14 +179,12 @@ def _page(d: Diagnosis) -> Figure:
     from matplotlib.figure import Figure
 
     fig = Figure(figsize=_SIZE, layout="constrained")
-    grid = fig.add_gridspec(4, 2, height_ratios=(1.0, 0.8, 1.25, 1.35))
+    grid = fig.add_gridspec(3, 2, height_ratios=(1.0, 0.8, 1.3))
     temperature = fig.add_subplot(grid[0, :])
     seen = d.signals.isel(elapsed_time=_telling(d.signals))
     _draw_log(temperature, fig.add_subplot(grid[1, :], sharex=temperature), seen)
-    _draw_opening(fig.add_subplot(grid[2, 0]), d, seen)
-    _draw_profile(fig.add_subplot(grid[2, 1]), d)
-    _draw_predictions(fig.add_subplot(grid[3, 0]), d)
-    _draw_indices(fig.add_subplot(grid[3, 1]), d)
+    _draw_profile(fig.add_subplot(grid[2, 0]), d)
+    _draw_predictions(fig.add_subplot(grid[2, 1]), d)
     headline = d.summary()[:3]
     fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
     return fig
@@ -222,25 +217,6 @@ def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
     below.step(hours, 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
     below.set(xlabel="time [h]", ylabel="command [%]")
     below.margins(x=0.01)
-
-
-def _draw_opening(axes: Axes, d: Diagnosis, seen: xr.Dataset) -> None:
-    """The opening behind the motor with the most probable gap: the wider the loop, the larger the gap."""
-    axes.set(xlabel="motor position [%]", ylabel="opening [%]")
-    axes.set_title("Valve behind the motor, modelled", loc="left")
-    if not np.isfinite(d.backlash):
-        _says(axes, "no size could be compared")
-        return
-    position = seen["position"].values
-    opening = openings(position, d.backlash)
-    look = BLUE if d.identified else GREY
-    axes.plot(100 * position, 100 * opening, color=look, lw=0.9)
-    ends = np.array([position.min(), position.max()])
-    alpha = 1.0 / (1.0 - d.backlash)
-    for shift in (0.0, d.backlash):
-        axes.plot(100 * ends, 100 * alpha * (ends - shift), color="black", lw=0.8, ls=DOTTED)
-    low, high = 100 * opening.min(), 100 * opening.max()
-    axes.set_ylim(low - 0.1 * (high - low) - 0.5, high + 0.1 * (high - low) + 0.5)
 
 
 def _draw_profile(axes: Axes, d: Diagnosis) -> None:
@@ -276,25 +252,8 @@ def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED)
     hunting = found["hunts"].values > 0
     axes.set_yticks(places, [WORDS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
-    axes.set_xlabel("RMS error and motor travel, as found = 100 %")
+    axes.set_xlabel("RMS error and motor travel [% of as found]")
     axes.grid(visible=False, axis="y")
-
-
-def _draw_indices(axes: Axes, d: Diagnosis) -> None:
-    axes.axis("off")
-    axes.set_title("Indices", loc="left")
-    cells = []
-    for name, (unit, _, words) in INDICES.items():
-        if words:
-            shown = {"K-1": "1/K", "d-1": "", "1": ""}.get(unit, unit)
-            value = float(d.indices[name])
-            cells.append([words, f"{value:.3g} {shown}".rstrip() if np.isfinite(value) else "–"])
-    table = axes.table(cells, colWidths=(0.68, 0.32), loc="upper left", cellLoc="left", edges="horizontal")
-    table.auto_set_font_size(False)
-    table.set_fontsize(8)
-    for cell in table.get_celld().values():
-        cell.set_linewidth(0.3)
-        cell.set_height(1.0 / len(cells))
 
 
 def _says(axes: Axes, text: str) -> None:

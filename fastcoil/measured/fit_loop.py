@@ -183,7 +183,7 @@ def _why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
 
 
 class Sums(NamedTuple):
-    """Sums over the compared changes in each block of each piece: measured y, modelled m for each candidate."""
+    """Sums over the compared changes in each block: measured y, modelled m for each candidate."""
 
     piece: Index  # of each block, (blocks,)
     n: Array  # (blocks,), as y and yy

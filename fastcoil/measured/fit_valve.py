@@ -191,8 +191,7 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     best, spread, profiled, notes = solution.estimate, solution.uncertainty, solution.profile, problem.notes
     fitted = problem.good & problem.fitting
     command, flow = problem.command[fitted], problem.flow[fitted]
-    natural = best.x[:5].copy()
-    natural[list(LOGS)] = np.exp(natural[list(LOGS)])
+    natural = np.where(LOGS, np.exp(best.x[:5]), best.x[:5])
     inverted = _is_inverted(command, flow)
     found = judged(problem, solution, holds or inverted or problem.data.change_of_value)
     of_signal = []
@@ -216,15 +215,14 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
     names = [VALVE_ROWS[k] for k in estimated]
     half = spread.quantile() * np.sqrt(variances)
-    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], k in LOGS) for k in estimated}
+    intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(LOGS[k])) for k in estimated}
     if not found.why:
         intervals["backlash"] = found.interval
     # the deviation of the backlash is as much larger as its interval has become
-    scale = np.where(np.isin(np.arange(5), LOGS), natural, 1.0)
-    covariance = spread.covariance[:5, :5] * np.outer(scale, scale)
-    widths = [high - low for low, high in (found.interval, profiled.interval)]
-    factor = np.where(np.arange(5) == X_BL, max(widths[0] / max(widths[1], 1e-12), 1.0), 1.0)
-    covariance = covariance * np.outer(factor, factor)
+    width, profiled_width = (high - low for low, high in (found.interval, profiled.interval))
+    scale = np.where(LOGS, natural, 1.0)
+    factor = np.where(np.arange(5) == X_BL, max(width / max(profiled_width, 1e-12), 1.0), 1.0)
+    covariance = spread.covariance[:5, :5] * np.outer(scale, scale) * np.outer(factor, factor)
 
     parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
     if found.why:
@@ -236,13 +234,11 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     if reach < 0.9:
         notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
     notes += [*of_signal, *filter(None, [found.note])]
-    n_pieces = int(problem.batch[-1]) + 1
-    modelled = []
-    for one in (best, solution.without_backlash):
-        start = np.full((n_pieces, 1), 0.5)  # unknown for a batch held back
-        start[: one.x.size - 5, 0] = one.x[5:]
-        modelled.append([a[:, 0] for a in problem.flows(one.x[:5, None], start, problem.command.size)])
-    (openings, with_it), (_, without) = modelled
+    both = np.stack([best.x, solution.without_backlash.x], axis=1)
+    start = np.full((int(problem.batch[-1]) + 1, 2), 0.5)  # unknown for a batch held back
+    start[: both.shape[0] - 5] = both[5:]
+    openings, modelled = problem.flows(both[:5], start, problem.command.size)
+    with_it, without = modelled.T
     part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
     rmse = rmse_of(part, {"": with_it - problem.flow, "_without_backlash": without - problem.flow})
     notes += poor(rmse, flow, "m_w", "units, columns, and whether the pump ran")
@@ -254,7 +250,7 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         "modelled_without_backlash": (without, "kg s-1"),
         "residual": (problem.flow - with_it, "kg s-1"),
         "command": (problem.command, "1"),
-        "opening": (openings, "1"),
+        "opening": (openings[:, 0], "1"),
     }
     return finished(
         problem.data, started, part, series, names, covariance[np.ix_(estimated, estimated)],

@@ -223,6 +223,8 @@ GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
 """A what-if is reported if that much more and less loop gain change no verdict, and the error by less than this."""
 FITTED_HUNTS_ABOVE = 0.8
 """Margin that predicts hunting; less than that of a plant that is known, 0.85: the gain of this one is fitted."""
+LEAST_EXPLAINED = 0.1
+"""Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
 _FREQUENCIES, _DEPTHS = 400, 400
 
 
@@ -246,7 +248,7 @@ class FittedLoop(NamedTuple):
 
 
 def fit_loop_model(
-    command: Array, temperature: Array, T_set: Array, interval: float, backlash: float, stroke_time: float,
+    command: Array, temperature: Array, T_set: Array | None, interval: float, backlash: float, stroke_time: float,
     sample_time: float | None = None, enabled: Mask | None = None,
 ) -> FittedLoop | str:  # fmt: skip
     """Fit controller and plant to a trend log; one sentence if that cannot be done.
@@ -255,6 +257,8 @@ def fit_loop_model(
     stroke_time: of valve (fraction of stroke) and motor (s, 0 if it is as good as immediate).  sample_time: of the
     controller, s; found from the log if None.  enabled: whether the plant was on; all of it if None.
     """
+    if T_set is None:
+        return "the log has no set-point (T_set)"
     if interval > HORIZON:
         return f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster"
     last = slice(-int(MOST_SECONDS / interval), None)
@@ -274,7 +278,15 @@ def fit_loop_model(
         return "no plant that answers the valve explains the log: the temperature hardly follows the command"
     day = _day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval))
     fitted = FittedLoop(pi, plant, day, backlash, stroke_time, margin(pi, plant))
-    return fitted._replace(doubt=_doubt(fitted, command, temperature, T_set))
+    return fitted._replace(doubt=too_little(fitted) or _doubt(fitted, command, temperature, T_set))
+
+
+def too_little(fitted: FittedLoop) -> str:
+    """Why the model of a loop holds too little of it to be used, or nothing."""
+    share = fitted.plant.explained
+    if share >= LEAST_EXPLAINED:
+        return ""
+    return f"the command explains only {100 * share:.0f} % of the changes of the temperature"
 
 
 def what_if(

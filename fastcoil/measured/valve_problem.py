@@ -33,9 +33,9 @@ _BIN, _BIN_SAMPLES = 0.05, 3
 _FEWEST_REVERSALS = 2
 FEWEST_SAMPLES = 20
 _PROFILE_POINTS, _FINE_POINTS = 25, 12
-X_BL, M_MAX, _A, _B, _C = range(5)
-LOGS = (M_MAX, _A, _B)
-"""Parameters that are searched by their logarithm."""
+X_BL, M_MAX = 0, 1
+LOGS = np.array([False, True, True, True, False])
+"""Which of backlash, m_max, a, b, c are searched by their logarithm."""
 
 
 def _settled(log: Log, fitting: Mask, settle: float | None, notes: list[str]) -> Mask:
@@ -181,8 +181,7 @@ class ValveProblem:
     def flows(self, sets: Array, start: Array, n: int) -> tuple[Array, Array]:
         """Openings and flows of parameter sets (5, sets) over the first n samples, the meter's floor included."""
         openings, flows = np.empty((2, n, sets.shape[1]))
-        rows = sets.copy()
-        rows[list(LOGS)] = np.exp(rows[list(LOGS)])
+        rows = np.where(LOGS[:, None], np.exp(sets), sets)
         valve_flows(self.command[:n], self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
         return openings, np.maximum(flows, self.floor)
 

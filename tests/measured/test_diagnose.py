@@ -127,9 +127,9 @@ def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(
     assert_only_problem(["cannot be written"], diagnosis.to_toml, tmp_path / "absent" / "d.toml")
 
 
-def test_the_page_shows_log_profile_predictions_and_indices(diagnosis, coarse):
+def test_the_page_shows_log_profile_and_predictions(diagnosis, coarse):
     titles = [axes.get_title(loc="left") for axes in diagnosis.plot().axes]
-    assert {"Two telling hours", "Identified", "What the fitted loop would do", "Indices"} <= set(titles)
+    assert {"Two telling hours", "Identified", "What the fitted loop would do"} <= set(titles)
     assert "Not identified" in [axes.get_title(loc="left") for axes in coarse.plot().axes]
 
 

@@ -135,10 +135,9 @@ def _fitted_parameters(fit: Fit) -> Table:
 
 _ONE_PAGE = (
     "From the top: supply air (line) and its set-point (dashed) in the two hours in which the motor moves most; the "
-    "command of the controller; the opening of the valve over the position of its motor as the model has it, where the "
-    "dotted lines are the two sides of the gap and the distance between them is its size; the probability of each size "
-    "of the gap (bars) with its 95 % interval (grey band), grey bars where the log does not identify it; what the loop "
-    "fitted to this log would do with another valve, gain or controller, as found = 100 %; indices of the loop."
+    "command of the controller; the probability of each size of the gap (bars) with its 95 % interval (grey band), "
+    "grey bars where the log does not identify it; what the loop fitted to this log would do with another valve, gain "
+    "or controller, as found = 100 %."
 )
 
 
@@ -154,7 +153,7 @@ def diagnosis_page(d: Diagnosis) -> Page:
                         "recovered from the same log"),
     )  # fmt: skip
     sections = _sections(
-        picture(d.plot(), _ONE_PAGE, "Signals, gap, probability, predictions and indices"),
+        picture(d.plot(), _ONE_PAGE, "Signals, probability of each gap, predictions"),
         [Section("What would help", [_predictions(d)]), Section("Indices of the loop", [_indices(d.indices)])],
         d.notes, [computed, Code("fastcoil diagnose LOG.csv -o diagnosis.toml --report diagnosis.html")],
         ("diagnosis", "the gap", d.to_toml()),
