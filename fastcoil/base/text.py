@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Collection, Sequence
 
 _UNSAFE = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Unicode categories: control, format (including bidirectional), surrogates, line and paragraph separators."""
@@ -58,6 +59,16 @@ def written(value: float, decimals: int | None = None, *, sign: bool = False) ->
     if is_zero:
         return text
     return (MINUS if value < 0.0 else "+" if sign else "") + text
+
+
+def aligned(rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> list[str]:
+    """Rows of cells as lines of text with aligned columns, two spaces apart; columns ``right`` are set to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [c.rjust(w) if k in right else c.ljust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return lines
 
 
 def percent(share: float, low: float = math.nan, high: float = math.nan, *, decimals: int = 0) -> str:

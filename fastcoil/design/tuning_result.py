@@ -14,6 +14,7 @@ import xarray as xr
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, mark_logarithms, wrapped
 from fastcoil.base.results import Result, as_toml, toml_table
+from fastcoil.base.text import aligned
 from fastcoil.design.measures import CHANGE, Limit, Measure
 from fastcoil.design.tuning_plan import ONE_OF, Asked
 from fastcoil.loops.labels import quantity
@@ -191,13 +192,8 @@ class Tuning(Result):
         head = "Chosen" if self.meets_limits else "No tuning keeps the limits; nearest to them"
         lines = [f"{head}: {chosen} ({self.evaluations.sizes['evaluation']:,} tunings tried)", ""]
         for title, ds in (("Held out", self.held_out), ("Searched on", self.trained)):
-            rows = table_rows(ds, self.limits)
-            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-            lines.append(f"{title}: {ds.attrs['group']}")
-            for row in rows:
-                cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-                lines.append("  " + "  ".join(cells).rstrip())
-            lines.append("")
+            rows = aligned(table_rows(ds, self.limits))
+            lines += [f"{title}: {ds.attrs['group']}", *(f"  {row}" for row in rows), ""]
         value, low, high = self.held_out[CHANGE].sel(tuning=CHOSEN).values
         goal = next(iter(self.held_out.data_vars.values())).attrs["long_name"]
         interval = "" if math.isnan(low) else f" ({low:+.0%} to {high:+.0%} for other valves and days)"

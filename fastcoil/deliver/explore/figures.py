@@ -15,7 +15,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
 from fastcoil.deliver.explore.loop import AXES, EVERY, Map, Run
 from fastcoil.deliver.explore.settings import CHOICES, DIALS, Settings
-from fastcoil.design.cures import UNSURE
+from fastcoil.design.advice import UNSURE
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 
 _INK, _GREY, _SHADE = "#222222", "#999999", "#cccccc"

@@ -26,7 +26,7 @@ from fastcoil.deliver.report.page import (
     picture,
     setting,
 )
-from fastcoil.design.answer import Explanation
+from fastcoil.design.explain import Explanation
 from fastcoil.design.tuning_result import Tuning, table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
 from fastcoil.loops.provenance import content_sha256
@@ -242,10 +242,9 @@ def tuning_page(t: Tuning) -> Page:
 # --- an explanation ---------------------------------------------------------------------------------------------------
 
 _DAY = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
-_THREE_PANELS = (
-    "Top left: gain of the loop over its phase (blue line) and of the gap, -1/N (red, dashed); the loop hunts where it "
-    "is above, and the distance between the two dots is the margin.  Top right: which gains hunt (shaded), with lines "
-    f"of equal margin, the loop as it is (red dot) and other tunings (marks).  Bottom: s{_DAY}"
+_TWO_PANELS = (
+    "Top: which gains hunt (shaded), with lines of equal margin, the loop as it is (red dot) and other tunings "
+    f"(marks).  Bottom: s{_DAY}"
 )
 _ADVICE = ("Do this", "If the error matters", "Leave it", "None of these")  # how an advice begins
 
@@ -261,7 +260,7 @@ def explanation_page(e: Explanation) -> Page:
     own = changed(loop.constants, "paper_like", "default")
     computed += [own] * bool(own.rows) + [Code("fastcoil explain TARGET --report explanation.html")]
     sections = _sections(
-        picture(e.plot(), f"S{_DAY}" if e.phase is None else _THREE_PANELS, "Margin, gains and the day"),
+        picture(e.plot(), f"S{_DAY}" if e.phase is None else _TWO_PANELS, "Margin, gains and the day"),
         [Section("In full", [Code(e.text)])], (), computed,
     )  # fmt: skip
     title = "Will this loop hunt? " + ", ".join(f"{name} = {setting(name, loop[name])}" for name in ("kp", "ti"))

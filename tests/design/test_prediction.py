@@ -8,18 +8,10 @@ import pytest
 from helpers.first_order_plants import first_order_plants, together
 
 import fastcoil as fc
-from fastcoil.design.cures import (
-    PARTS,
-    Prediction,
-    cycles_at,
-    gain_margin_without_backlash,
-    phase_shares,
-    response_of,
-    shortest_ti,
-    simc_gains,
-)
 from fastcoil.design.limit_cycle import HUNTS_ABOVE, cycles_of
+from fastcoil.design.linearise import margins_of
 from fastcoil.design.operating_points import PointsOfDay
+from fastcoil.design.prediction import PARTS, Prediction, cycles_at, phase_shares, shortest_ti, simc_gains
 from fastcoil.loops.scenarios import columns_of
 
 GAIN, LAG = -15.0, 100.0
@@ -35,7 +27,7 @@ def at_points(loop, *plants):
     nothing = np.zeros(len(plants), dtype=np.int64)
     cycles = cycles_of(columns_of(loop, {}, nothing), together(*plants))
     points = PointsOfDay(nothing, nothing + 1, {"T_set": nothing + 14.0}, nothing)
-    return Prediction(loop, points, together(*plants), cycles, int(np.argmax(cycles.margin)))
+    return Prediction(loop, points, together(*plants), cycles, np.arange(len(plants)), int(np.argmax(cycles.margin)))
 
 
 def tuned(kappa, rho, **changes):
@@ -83,10 +75,8 @@ def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
 
 def test_the_parts_take_180_degrees_each_what_its_formula_says():
     loop = tuned(4.0, 0.3, sensor_time_constant=20.0)
-    prediction = predicted(loop, 10)
-    response = response_of(prediction)
-    w = 2.0 * math.pi / response.period
-    shares = phase_shares(loop, response)
+    shares = phase_shares(predicted(loop, 10))
+    w = 2.0 * math.pi / shares.attrs["period"]
     assert tuple(shares["part"].values) == PARTS
     assert float(shares.sum()) == pytest.approx(180.0)
     assert float(shares.sel(part="integral")) == pytest.approx(90.0 - math.degrees(math.atan(30.0 * w)), abs=2.0)
@@ -100,7 +90,9 @@ def test_a_loop_that_rings_without_backlash_is_distinguished_from_one_that_does_
     s = control.tf("s")
     pade = control.tf(*control.pade(20.5, 6))
     L = 0.93 * 4.0 * (1.0 + 1.0 / (60.0 * s)) * pade / (1.0 + LAG * s)
-    assert gain_margin_without_backlash(predicted(loop, 20)) == pytest.approx(control.margin(L)[0], rel=0.05)
+    prediction = predicted(loop, 20)
+    columns = {**prediction.columns, "backlash": np.zeros(1)}
+    assert margins_of(columns, prediction.plant).gain_margin[0] == pytest.approx(control.margin(L)[0], rel=0.05)
 
 
 def test_simc_is_that_of_the_plant():

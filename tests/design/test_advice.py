@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.design.cures import AS_IS, Cure, cures_of, hunts_uncounted, recommended, swings_at, verdict, with_cures
+from fastcoil.design.advice import AS_IS, Cure, cures_of, hunts_uncounted, recommended, swings_at, verdict, with_cures
 from fastcoil.design.operating_points import operating_points
 
 

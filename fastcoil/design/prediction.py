@@ -1,0 +1,178 @@
+"""What the linear model predicts of one loop at the operating points of a day, and the gains that follow from it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arrays import Index
+from fastcoil.design.describing_function import unknown
+from fastcoil.design.limit_cycle import Cycles, cycles_of
+from fastcoil.design.linearise import first_order, simc
+from fastcoil.design.operating_points import PointsOfDay
+from fastcoil.design.plants import Columns, Plants, loop_response, plants_of
+from fastcoil.loops.loop import Loop
+from fastcoil.loops.scenarios import columns_of
+
+
+class Prediction(NamedTuple):
+    """A loop, a single scenario, at the operating points of a day.
+
+    plants: linear models of valve and coil.  cycles: margin, hunts, period and amplitude, (n_points,) each.
+    reached: the points at which the valve can hold the set-point and theory has a margin.  worst: the one of them with
+    the largest margin; -1 if there is none.
+    """
+
+    loop: Loop
+    points: PointsOfDay
+    plants: Plants
+    cycles: Cycles
+    reached: Index
+    worst: int
+
+    @property
+    def margin(self) -> float:
+        """Largest margin of the day; NaN if no set-point can be reached."""
+        return float(self.cycles.margin[self.worst]) if self.worst >= 0 else math.nan
+
+    @property
+    def hunting(self) -> Index:
+        """The operating points at which it is predicted to hunt."""
+        return self.reached[self.cycles.hunts[self.reached] > 0.0]
+
+    @property
+    def columns(self) -> Columns:
+        """The parameters, (1,) each, without a dead band, which theory does not know."""
+        return columns_of(self.loop.assign(error_dead_band=0.0), {}, np.zeros(1, dtype=np.int64))
+
+    @property
+    def plant(self) -> Plants:
+        """The plant at the worst operating point."""
+        return self.plants.some(np.array([self.worst]))
+
+
+def predict(loop: Loop, points: PointsOfDay) -> Prediction:
+    """Linearise a loop at the operating points of a day and look for its cycles."""
+    columns = columns_of(loop.assign(error_dead_band=0.0), {}, np.zeros(points.size, dtype=np.int64))
+    plants = plants_of(columns, points.conditions)
+    cycles = cycles_of(columns, plants)
+    reached = np.flatnonzero(plants.reachable & np.isfinite(cycles.margin))
+    worst = int(reached[np.argmax(cycles.margin[reached])]) if reached.size else -1
+    return Prediction(loop, points, plants, cycles, reached, worst)
+
+
+def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
+    """Cycles of every scenario of a sweep at some operating points, (n_scenarios, n_points) each.
+
+    The sweep may change the controller and the backlash, which leave the plants as they are.
+    """
+    n = math.prod(loop.sizes.values())
+    columns = columns_of(loop.assign(error_dead_band=0.0), loop.sizes, np.repeat(np.arange(n), which.size))
+    found = cycles_of(columns, plants.some(np.tile(which, n)))
+    return Cycles(*(values.reshape(n, which.size) for values in found))
+
+
+def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
+    """kp and ti after SIMC where the loop is worst; None where the valve changes nothing."""
+    columns = prediction.columns
+    kp, ti = (float(values[0]) for values in simc(columns, prediction.plant, first_order(columns, prediction.plant)))
+    return (kp, ti) if math.isfinite(kp) and math.isfinite(ti) else None
+
+
+_LONGEST_TI = 3600.0
+_TI_STEPS = 60
+
+
+def shortest_ti(prediction: Prediction, margin: float) -> float:
+    """Shortest integral time that keeps the margin at or below ``margin`` at every operating point, s; NaN if none.
+
+    All longer ones up to an hour keep it, too.
+    """
+    sample_time, ti = (float(prediction.columns[name][0]) for name in ("sample_time", "ti"))
+    grid = np.geomspace(min(sample_time, ti) / 10.0, max(_LONGEST_TI, 2.0 * ti), _TI_STEPS)
+    swept = prediction.loop.assign(ti=("tuning", grid))
+    largest = cycles_at(swept, prediction.plants, prediction.reached).margin.max(axis=1)
+    above = np.flatnonzero(largest > margin)
+    if not above.size:
+        return float(grid[0])
+    k = int(above[-1])
+    if k == grid.size - 1:
+        return math.nan
+    share = (largest[k] - margin) / (largest[k] - largest[k + 1])
+    return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
+
+
+PARTS = ("integral", "coil", "sensor", "sampling", "backlash")
+_SLOWEST, _FREQUENCIES = 1e-4, 600  # lowest of the frequencies, rad/s, and their number
+
+
+def phase_shares(prediction: Prediction) -> xr.DataArray:
+    """Degrees that each part takes where the loop cycles, or is nearest to it; together 180°.
+
+    The sampled integral, the phase of 1 + (Ts/Ti)/(1 - z^-1), the sensor's lag and the hold, half a sample, are known
+    in closed form.  The backlash, with the inverse and the motor, takes what the loop leaves until 180°, the coil all
+    the rest.
+    """
+    columns, cycles, worst = prediction.columns, prediction.cycles, prediction.worst
+    ts, ti, tau = (float(columns[name][0]) for name in ("sample_time", "ti", "sensor_time_constant"))
+    frequencies = np.geomspace(_SLOWEST, math.pi / ts, _FREQUENCIES)
+    left = 180.0 + np.degrees(np.unwrap(np.angle(loop_response(columns, prediction.plant, frequencies)[0])))
+    of_cycle, of_margin = 2.0 * math.pi / cycles.period[worst], cycles.frequency[worst]
+    at = of_cycle if math.isfinite(of_cycle) else of_margin
+    # without any margin, where a gap would have most to add
+    k = np.argmin(np.abs(np.log(frequencies / at)) if math.isfinite(at) else np.abs(left - 45.0))
+    w = float(frequencies[k])
+    integral = -np.angle(1.0 + ts / ti / (1.0 - np.exp(-1j * w * ts)))
+    pole = math.exp(-1.0 / tau) if tau > 0.0 else 0.0
+    sensor = -np.angle((1.0 - pole) / (1.0 - pole * np.exp(-1j * w)))
+    shares = {
+        "integral": math.degrees(float(integral)),
+        "sensor": math.degrees(float(sensor)),
+        "sampling": math.degrees(0.5 * w * ts),
+        "backlash": float(left[k]),
+    }
+    shares["coil"] = 180.0 - sum(shares.values())
+    attrs = {"units": "degree", "long_name": "phase that each part of the loop takes", "period": 2.0 * math.pi / w}
+    return xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
+
+
+def why_not_linear(loop: Loop) -> tuple[str, ...]:
+    """Why theory does not hold for a single loop, a clause each; empty where it does."""
+    if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
+        return (f"kp = {loop['kp']:g} does not control: a kp has to be above 0",)
+    columns = columns_of(loop.assign(error_dead_band=0.0), {}, np.zeros(1, dtype=np.int64))
+    # behind the colon stands what to do about it in Python
+    return tuple(reason.partition(":")[0] for reason, holds in unknown(columns).items() if holds.any())
+
+
+def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
+    """Why a prediction has no margin that means anything, a clause; empty where it has."""
+    if prediction.worst < 0:
+        if not prediction.plants.reachable.any():
+            return ("no set-point of the day can be held: the valve is at its end all the time",)
+        return ("its compensation crosses the gap too slowly to count as an inverse",)
+    heats = prediction.loop["action"] == "heating"
+    gain = prediction.plants.gain[prediction.reached] * (1.0 if heats else -1.0)
+    if (gain > 0.0).any():
+        return ()
+    does, other = ("cools", "cooling") if heats else ("warms", "heating")
+    return (f"the valve acts the wrong way round: opening it {does} the air, so give action = {other}",)
+
+
+def left_out(prediction: Prediction) -> tuple[str, ...]:
+    """What the margin does not see, a clause each."""
+    found, band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
+    if band > 0.0:
+        found.append(
+            f"the error dead band of {band:g} K, which may hold a loop still that is predicted to hunt, or make "
+            "another hunt"
+        )
+    n, missed = prediction.points.size, int(np.count_nonzero(~prediction.plants.reachable))
+    if missed:
+        found.append(
+            f"{missed} of {n} operating points, at which the valve is at its end and cannot hold the set-point"
+        )
+    return tuple(found)
