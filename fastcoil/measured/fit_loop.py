@@ -121,56 +121,66 @@ def fit_loop(
             check.problems.append("loop has a slip_jump: give it none, a backlash without one is fitted")
 
     problem = LoopProblem(part.read(log, _WANTED, how, in_operation), loop, warm_up, part)
-    return _fit_of(problem, problem.solve(), started)
+    return _fit_of(problem, started)
 
 
-def _fit_of(problem: LoopProblem, solution: LoopSolution, started: float) -> Fit:
-    """The fit with everything a user may ask of it."""
+def _fit_of(problem: LoopProblem, started: float) -> Fit:
+    """The best candidate, how far it moves when blocks of the log are resampled, and what a user may ask beside it."""
     data, measured, fitted = problem.data, problem.T_sup, problem.compared & problem.fitting
-    found, plain = solution.modelled, solution.without_backlash
+    grid, modelled = problem.candidates()
+    sums = problem.sums(modelled)
+    best = corrected(sums)
+    k = int(best.rss.argmin())
+    x = float(grid[k])
+    draws = grid[[int(corrected(drawn).rss.argmin()) for drawn in _resampled(sums)]]
+    low, high = np.quantile(draws, (0.5 - _CONFIDENCE / 2, 0.5 + _CONFIDENCE / 2))
+    interval = max(float(low) - _WIDER, 0.0), min(float(high) + _WIDER, LARGEST)
+    explained = 1.0 - float(best.rss[k]) / max(best.total, 1e-12)
+    why = _why_unidentified(problem, x, interval, sums.n.size, explained)
+    with_it, without = (problem.shown(modelled, best, one) for one in (k, 0))
     part = np.where(problem.compared, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
-    rmse = rmse_of(part, {"": found - measured, "_without_backlash": plain - measured})
+    rmse = rmse_of(part, {"": with_it - measured, "_without_backlash": without - measured})
     series = {
         "T_sup": (measured, "degC"),
-        "modelled": (found, "degC"),
-        "modelled_without_backlash": (plain, "degC"),
-        "residual": (measured - found, "K"),
+        "modelled": (with_it, "degC"),
+        "modelled_without_backlash": (without, "degC"),
+        "residual": (measured - with_it, "K"),
         "command": (data.values["command"], "1"),
     }
-    why = _why_unidentified(problem, solution)
-    notes = problem.notes + poor(
-        rmse, measured[fitted], "T_sup", "units, columns, and whether the loop is that of the log"
-    )
-    known = {} if why else {"backlash": solution.backlash}
+    check = "units, columns, and whether the loop is that of the log"
+    known = {} if why else {"backlash": x}
     return finished(
-        data, started, part, series, list(known), np.full((len(known), len(known)), solution.error**2),
-        kind="loop", unit="K", parameters=known, intervals=dict.fromkeys(known, solution.interval),
-        profile=profile_of(solution.grid, solution.rmse, "K", solution.backlash, solution.interval),
-        rmse=rmse, held={"backlash": why} if why else {}, notes=notes,
-        n_used=int(fitted.sum()), n_effective=float(solution.n_blocks),
+        data, started, part, series, list(known), np.full((len(known), len(known)), float(draws.std()) ** 2),
+        kind="loop", unit="K", parameters=known, intervals=dict.fromkeys(known, interval),
+        profile=profile_of(grid, np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()), "K", x, interval),
+        rmse=rmse, held={"backlash": why} if why else {},
+        notes=problem.notes + poor(rmse, measured[fitted], "T_sup", check),
+        n_used=int(fitted.sum()), n_effective=float(sums.n.size),
     )  # fmt: skip
 
 
-def _why_unidentified(problem: LoopProblem, solution: LoopSolution) -> str:
+def _why_unidentified(
+    problem: LoopProblem, x: float, interval: tuple[float, float], n_blocks: int, explained: float
+) -> str:
     """Why the log does not resolve the backlash; empty if it does."""
-    (low, high), x = solution.interval, solution.backlash
+    low, high = interval
     why = ""
     if problem.n_reversals < FEWEST_REVERSALS:
         why = (
             f"the command turns {problem.n_reversals} times by more than 1 % of stroke, and only reversals show "
             "backlash; give a log in which it goes up and down"
         )
-    elif solution.n_blocks < FEWEST_BLOCKS:
-        why = f"{solution.n_blocks} half hours are left to compare: give a log of five hours or more"
+    elif n_blocks < FEWEST_BLOCKS:
+        why = f"{n_blocks} half hours are left to compare: give a log of five hours or more"
     elif problem.is_coarse:
         why = (
             f"samples are {problem.data.step:g} s apart and the command moves between them; turns are missed, so that "
             f"the {x:.3g} that fits best is too small: log every 60 s or faster"
         )
-    elif not solution.explained > LEAST_EXPLAINED:
+    elif not explained > LEAST_EXPLAINED:
         why = (
-            f"the model explains {100 * max(solution.explained, 0.0):.0f} % of the changes of T_sup: fit the coil "
-            "first, or check units and columns"
+            f"the model explains {100 * max(explained, 0.0):.0f} % of the changes of T_sup: fit the coil first, or "
+            "check units and columns"
         )
     elif high >= LARGEST:
         why = f"the gap is {low:.3g} or more, and {LARGEST:g} is the largest that is tried"
@@ -200,20 +210,6 @@ class Correction(NamedTuple):
     slope: Array
     rss: Array
     total: float
-
-
-class LoopSolution(NamedTuple):
-    """Candidates and their RMSE, K; the best and its 95 % interval; share of the changes explained; T_sup, (n,)."""
-
-    grid: Array
-    rmse: Array
-    backlash: float
-    error: float
-    interval: tuple[float, float]
-    explained: float
-    n_blocks: int
-    modelled: Array
-    without_backlash: Array
 
 
 class _Piece(NamedTuple):
@@ -309,8 +305,8 @@ class LoopProblem:
         )
         return Sums(piece, *totals)
 
-    def solve(self) -> LoopSolution:
-        """The best candidate of a coarse grid, refined, and how far it moves when blocks of the log are resampled.
+    def candidates(self) -> tuple[Array, Array]:
+        """A coarse grid of candidates, refined near the best, and the temperatures of ``modelled``.
 
         How a command that moves at most samples ran between them is unknown: what fits better is taken.
         """
@@ -321,25 +317,9 @@ class LoopProblem:
         near = float(coarse[tried[runs].argmin()])
         fine = np.arange(max(near - _NEAR, 0.0), min(near + _NEAR, LARGEST) + _FINE / 2, _FINE)
         grid = np.unique(np.round(np.concatenate([coarse, fine]), 6))
-        modelled = self.modelled(grid, runs)
-        sums = self.sums(modelled)
-        best = corrected(sums)
-        k = int(best.rss.argmin())
-        draws = grid[[int(corrected(drawn).rss.argmin()) for drawn in _resampled(sums)]]
-        low, high = np.quantile(draws, (0.5 - _CONFIDENCE / 2, 0.5 + _CONFIDENCE / 2))
-        return LoopSolution(
-            grid=grid,
-            rmse=np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()),
-            backlash=float(grid[k]),
-            error=float(draws.std()),
-            interval=(max(float(low) - _WIDER, 0.0), min(float(high) + _WIDER, LARGEST)),
-            explained=1.0 - float(best.rss[k]) / max(best.total, 1e-12),
-            n_blocks=sums.n.size,
-            modelled=self._shown(modelled, best, k),
-            without_backlash=self._shown(modelled, best, 0),
-        )
+        return grid, self.modelled(grid, runs)
 
-    def _shown(self, modelled: Array, by: Correction, k: int) -> Array:
+    def shown(self, modelled: Array, by: Correction, k: int) -> Array:
         """Corrected temperature of a candidate at every sample; a piece held back gets the mean correction."""
         batch, used, n = self.data.batch, self.used, self.data.n_batches
         slope = np.full(n, by.slope[:, k].mean())
