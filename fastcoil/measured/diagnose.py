@@ -54,11 +54,8 @@ def diagnose(
         Seconds of the motor from closed to open, 0 if it is as good as immediate; 90 if left out.
     sample_time
         Seconds between two samples of the controller; found from the log if left out.
-    units, columns
-        As in ``fc.Boundary.from_csv``.
-    drop, jumps, max_gap, time_format
-        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
-        ``fastcoil.logs.Reading``.
+    units, columns, drop, jumps, max_gap, time_format
+        How the log is read: see ``fastcoil.logs.Reading``.
 
     Returns
     -------

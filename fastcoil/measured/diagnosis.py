@@ -191,17 +191,13 @@ def _page(d: Diagnosis) -> Figure:
 
 
 def _telling(signals: xr.Dataset) -> slice:
-    """The two hours in which the motor travels most while nothing is missing: settled, where the loop ever is."""
-    interval, n = signals.attrs["interval"], signals.sizes["elapsed_time"]
-    width = min(n, max(2, round(_TELLING / interval)))
+    """The two hours in which the motor travels most; settled, where the loop ever is."""
+    calm, there = signals["calm"].values, np.isfinite(signals["T_sup"].values + signals["command"].values)
     moves = np.abs(np.diff(signals["position"].values, prepend=signals["position"].values[0]))
-    there = np.isfinite(signals["T_sup"].values) & np.isfinite(signals["command"].values)
-    calm = signals["calm"].values
-    moves = np.where(calm, moves, 0.0) if calm.any() else moves
-    worth = np.cumsum(np.concatenate([[0.0], np.where(there, moves, 0.0)]))
-    seen = np.cumsum(np.concatenate([[0.0], there]))
-    score = (worth[width:] - worth[:-width]) * ((seen[width:] - seen[:-width]) / width) ** 4
-    start = int(np.argmax(score))
+    counts = np.where(there & (calm if calm.any() else there), moves, 0.0)
+    width = min(counts.size, max(2, round(_TELLING / signals.attrs["interval"])))
+    travel = np.cumsum(np.concatenate([[0.0], counts]))
+    start = int(np.argmax(travel[width:] - travel[:-width]))
     return slice(start, start + width)
 
 

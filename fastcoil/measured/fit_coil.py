@@ -61,8 +61,6 @@ def fit_coil(
         ``RH_a_in``, ``T_dp_in``, ``T_sup``, and ``elapsed_time`` or ``timestamp``; optional: ``T_w_out`` and
         ``enabled``.  Samples are 1 s apart or more.  After a gap, and after a time without air flow or ``enabled``, the
         model starts again from ``T_initial``.
-    units, columns, constants
-        As in ``fc.Boundary.from_csv``.
     minimise_on
         ``T_sup`` as in the paper, or ``both`` to compare the leaving water too.
     warm_up, T_initial
@@ -74,9 +72,8 @@ def fit_coil(
         Name or names of inputs that hold between samples; the others run straight.
     split, fit_until, validation
         As in ``fc.fit_valve``; the pieces between gaps are its batches.
-    drop, jumps, max_gap, time_format
-        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
-        ``fastcoil.logs.Reading``.
+    units, columns, constants, drop, jumps, max_gap, time_format
+        How the log is read: see ``fastcoil.logs.Reading``.
 
     Returns
     -------
@@ -187,11 +184,8 @@ def _compared(
     rmse: dict[str, float] = {}
     for name, ending in (("T_sup", ""), ("T_w_out", "_T_w_out")):
         modelled, measured = found[name], data.values.get(name, np.full(part.size, np.nan))
-        series[name] = measured, "degC"
-        series[f"{name}_modelled"] = modelled, "degC"
+        series |= {name: (measured, "degC"), f"{name}_modelled": (modelled, "degC")}
         series[f"{name}_residual"] = measured - modelled, "K"
-        error = np.where(compared.get(name, False), modelled - measured, np.nan)
-        rmse |= rmse_of(of_log, {ending: error})
+        rmse |= rmse_of(of_log, {ending: np.where(compared.get(name, False), modelled - measured, np.nan)})
     series["wet_volumes"] = found["wet_volumes"], "1"
-    series |= {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}
-    return part, series, rmse
+    return part, series | {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}, rmse

@@ -81,15 +81,12 @@ def fit_loop(
         Valve curve, coil, motor and sensor: fitted (``fc.Loop(**fit.parameters)``) or of a preset.  They need not be
         quite right: the modelled temperature is corrected by a straight line in each unbroken piece of the log.  Its
         ``backlash`` and its controller play no part.
-    units, columns, constants
-        As in ``fc.Boundary.from_csv``.
     warm_up
         Seconds left out at each start of the model [s].
     split, fit_until, validation
         As in ``fc.fit_valve``.
-    drop, jumps, max_gap, time_format
-        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
-        ``fastcoil.logs.Reading``.
+    units, columns, constants, drop, jumps, max_gap, time_format
+        How the log is read: see ``fastcoil.logs.Reading``.
 
     Returns
     -------

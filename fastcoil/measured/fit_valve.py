@@ -17,7 +17,7 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, poor, profile_of, rmse_of
 from fastcoil.measured.lag import with_lag, without_lag
 from fastcoil.measured.part import ABOVE_0, FITTING, UNUSED, VALIDATION, checked_part
-from fastcoil.measured.valve_problem import FEWEST_SAMPLES, LOGS, M_MAX, X_BL, ValveProblem, ValveSolution, judged
+from fastcoil.measured.valve_problem import LOGS, M_MAX, X_BL, ValveProblem, ValveSolution, judged
 from fastcoil.model.engine.recorded import VALVE_ROWS
 
 _WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
@@ -62,8 +62,6 @@ def fit_valve(
         Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s,
         m3/h, gpm, …), and ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and
         ``batch``, the number of the experiment if the log holds several.
-    units, columns
-        As in ``fc.Boundary.from_csv``.
     m_max
         Asymptotic flow of Eq (2) [kg/s], if it is known; estimated if left out.
     floor
@@ -85,9 +83,8 @@ def fit_valve(
     holds
         ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
         between the rows, and the interval of the backlash allows for that.
-    drop, jumps, max_gap, time_format
-        What to do with bad rows, with time that goes back and with gaps, and how ``timestamp`` is written: see
-        ``fastcoil.logs.Reading``.
+    units, columns, drop, jumps, max_gap, time_format
+        How the log is read: see ``fastcoil.logs.Reading``.
 
     Returns
     -------
@@ -154,17 +151,14 @@ def _check(data: Log, floor: float | None, m_max: float | None) -> None:
     command, flow = data.values["command"][first], data.values["m_w"][first]
     known = flow[np.isfinite(flow)]
     top, reach = float(known.max()), float(command.max())
-    still = (
-        f"{name} is {values[0]:g} from row {data.rows[first][0]} to row {data.rows[first][-1]}: give a log in which "
-        "the valve moves"
+    rows = f"from row {data.rows[first][0]} to row {data.rows[first][-1]}"
+    problems = [
+        f"{data.name}: {name} is {values[0]:g} {rows}: give a log in which the valve moves"
         for name, values in (("command", command), ("m_w", known))
         if np.ptp(values) == 0.0
-    )
-    problems = [f"{known.size} flows: give at least {FEWEST_SAMPLES}"] if known.size < FEWEST_SAMPLES else []
-    problems += still
+    ]
     if reach < _LEAST_REACH:
-        problems.append(f"command is never above {reach:.3g} of the stroke: check its unit")
-    problems = [f"{data.name}: {problem}" for problem in problems]
+        problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
     if floor is not None and floor >= top:
         problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, lower it")
     if m_max is not None and m_max < _LEAST_SHARE * top:

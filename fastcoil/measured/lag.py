@@ -51,9 +51,9 @@ def openings_of(command: Array, batch: Index, backlashes: Array) -> Array:
 
 def _solved(products: Array) -> Array:
     """Flows at the knots, (…, k - 1), from sums of products of the weights and, last, the flow, (…, k, k)."""
-    A, b = products[..., :-1, :-1], products[..., :-1, -1]
+    A, b = products[..., :-1, :-1], products[..., :-1, -1:]
     ridge = _RIDGE * np.trace(A, axis1=-2, axis2=-1) + _TINY
-    return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b[..., None])[..., 0])
+    return np.asarray(np.linalg.solve(A + ridge[..., None, None] * np.eye(A.shape[-1]), b)[..., 0])
 
 
 def _errors_of(products: Array, flows: Array) -> Array:
@@ -202,19 +202,16 @@ def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
     notes = []
     for run in unbroken(shifts):
         n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])
-        if n == 0:
-            continue
-        where = "throughout"
-        if run.size < shifts.size:
-            piece = f" (piece {log.batch[first] + 1} of {log.n_batches})" if log.n_batches > 1 else ""
-            until = " on" if last == shifts.size - 1 else f" to row {log.rows[last]}"
-            where = f"from row {log.rows[first]}{piece}{until}"
+        piece = f" (piece {log.batch[first] + 1} of {log.n_batches})" if log.n_batches > 1 else ""
+        until = " on" if last == shifts.size - 1 else f" to row {log.rows[last]}"
+        where = f"from row {log.rows[first]}{piece}{until}" if run.size < shifts.size else "throughout"
         late, early = ("flow", "command") if n > 0 else ("command", "flow")
         samples = "one sample" if abs(n) == 1 else f"{abs(n)} samples"
-        notes.append(
-            f"{where} the {late} is logged {samples} ({abs(n) * step:g} s) after the {early}: the fit takes this "
-            "shift out; lag=0, --lag 0 leaves it in"
-        )
+        if n != 0:
+            notes.append(
+                f"{where} the {late} is logged {samples} ({abs(n) * step:g} s) after the {early}: the fit takes this "
+                "shift out; lag=0, --lag 0 leaves it in"
+            )
     return notes
 
 

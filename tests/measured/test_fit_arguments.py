@@ -106,13 +106,6 @@ def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_the
         fc.fit_valve(at(time - 3600.0 * (np.arange(240) > 120)), jumps="split")
 
 
-def test_numbers_of_numpy_are_numbers(valve_log):
-    path = valve_log(valve_rows())
-    plain = fc.fit_valve(path, floor=0.0, settle=0.0, split=0.75)
-    same = fc.fit_valve(path, floor=np.float32(0.0), settle=np.int64(0), split=np.float32(0.75))
-    assert same.parameters == plain.parameters
-
-
 def test_a_pump_that_is_off_by_declaration_is_not_compared():
     rng = np.random.default_rng(3)
     rows = np.array(valve_rows(200), dtype=float)

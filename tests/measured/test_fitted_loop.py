@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from helpers.shared_data import measured
 
 from fastcoil.measured.fitted_loop import (
     FITTED_HUNTS_ABOVE,
@@ -180,21 +179,6 @@ def test_a_command_that_is_logged_one_sample_late_is_no_other_law(logged):
     assert pi.kp == pytest.approx(0.03, rel=0.01)
     assert pi.ti == pytest.approx(80.0, rel=0.01)
     assert pi.explained > 0.999
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("every", [1, 2])
-def test_the_recorded_tuning_of_a_real_loop_is_found(every):
-    """LBNL building 33 AHU-2: kp 0.018 1/K, ti 30 s, sample time 15 s, as the preset ``lbnl`` has them."""
-    columns = np.genfromtxt(measured("b33_ahu2_5s.csv"), delimiter=",", names=True)[::every]
-    good = columns["fan_enable"] > 0
-    pi = recover_pi(
-        columns["valve_command_pct"] / 100, columns["T_sup_C"], columns["T_sup_set_C"], 5.0 * every, good, None
-    )
-    assert pi.sample_time == 15.0
-    assert pi.kp == pytest.approx(0.018, rel=0.1)
-    assert pi.ti == pytest.approx(30.0, rel=0.1)
-    assert pi.explained > 0.99
 
 
 def test_a_slow_sample_and_a_delay_take_from_the_margin():
