@@ -8,7 +8,7 @@ water, λ: rate of the metal).
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
@@ -38,8 +38,19 @@ def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
     T_set: all the set-points that the loop will see, °C.  least_scale: the least that the boundary multiplies the
     backlash by.
     """
-    problems = _estimate_clashes(loop) + _stem_clashes(loop, least_scale)
-    problems += _unread_parameters(loop) + missing_parameters(loop) + controller_clashes(loop, T_set)
+    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
+    problems = [
+        *_estimate_clashes(loop),
+        *_stem_clashes(loop, least_scale),
+        *_unread_by_estimators(loop).values(),
+        *(
+            f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = "
+            f"{rule.name!r}, or leave them out"
+            for rule in rules
+        ),
+        *missing_parameters(loop),
+        *controller_clashes(loop, T_set),
+    ]
     if problems:
         raise InputError(problems)
 
@@ -65,71 +76,14 @@ def missing_parameters(loop: Loop) -> list[str]:
 
 def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
     """Clashes within the controller, a sentence each.  T_set: all its set-points, °C."""
-    return list(_unread_by_controller(loop).values()) + _buffer_clashes(loop) + _dead_band_clashes(loop, T_set)
-
-
-def _estimate_clashes(loop: Loop) -> list[str]:
-    """An estimate of 1 or more, an estimator that starts above its cap, a learner without a step."""
-    problems = []
-    estimate: Any = loop["backlash_estimate"]
-    ratio: Any = loop["estimate_ratio"]
-    if ratio is not None:
-        estimate = ratio * loop["backlash"]
-    largest = float(np.max(np.asarray(estimate)))
-    if largest >= 1.0:
+    problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop)]
+    widest, width = float(np.max(np.asarray(loop["error_dead_band"]))), float(np.max(T_set) - np.min(T_set))
+    if ONE_SET_POINT <= width <= widest:
         problems.append(
-            f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
-            "lower estimate_ratio or backlash"
-        )
-    used = words_used(loop, "estimator")
-    for name, cap in _CAPS.items():
-        if name in used and bool((_has(loop, name) & (xr.DataArray(estimate) > xr.DataArray(loop[cap]))).any()):
-            problems.append(
-                f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
-                "lower the estimate or raise the cap"
-            )
-    if "learner" in used and bool((_has(loop, "learner") & (xr.DataArray(loop["learning_step"]) == 0.0)).any()):
-        problems.append("estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate")
-    if _is_positive(loop, "learning_error_ratio") and bool(
-        ((xr.DataArray(loop["learning_error_ratio"]) > 0.0) & (xr.DataArray(loop["learning_reference"]) == 0.0)).any()
-    ):
-        problems.append(
-            "learning_error_ratio without learning_reference: the error of the first interval is that of the start-up, "
-            "give the number of intervals that the reference is the mean of"
+            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
+            "move the valve, give less"
         )
     return problems
-
-
-def _has(loop: Loop, estimator: str) -> xr.DataArray:
-    """Scenarios that have an estimator; by default the learner where its step is positive."""
-    if loop["estimator"] is None:
-        return (xr.DataArray(loop["learning_step"]) > 0.0) & (estimator == "learner")
-    return xr.DataArray(loop["estimator"]) == estimator
-
-
-def _stem_clashes(loop: Loop, least_scale: float) -> list[str]:
-    if not _is_positive(loop, "slip_jump"):
-        return []
-    least = min(least_scale, 1.0)
-    jump, backlash = xr.DataArray(loop["slip_jump"]), xr.DataArray(loop["backlash"])
-    excess = float((jump - least * backlash).where(jump > 0.0, 0.0).max())
-    if excess > 0.0:
-        scaled = "" if least == 1.0 else f", which backlash_scale makes {least:g} times as large"
-        return [
-            f"slip_jump is up to {excess:g} above the backlash{scaled}: a stem jumps at most by the band in which it "
-            "sticks, lower slip_jump or raise backlash"
-        ]
-    return []
-
-
-def _unread_parameters(loop: Loop) -> list[str]:
-    """Parameters of estimators and rules that no scenario uses, a sentence each."""
-    rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
-    return list(_unread_by_estimators(loop).values()) + [
-        f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = {rule.name!r}, "
-        "or leave them out"
-        for rule in rules
-    ]
 
 
 def unread_values(loop: Loop) -> dict[str, str]:
@@ -138,6 +92,53 @@ def unread_values(loop: Loop) -> dict[str, str]:
     A loop taken out of a sweep may have some that only its neighbours read.
     """
     return _unread_by_estimators(loop) | _unread_by_controller(loop)
+
+
+def _values(loop: Loop, *names: str) -> list[xr.DataArray]:
+    """The values of parameters, which then broadcast against each other by their dims."""
+    return [xr.DataArray(loop[name]) for name in names]
+
+
+def _estimate_clashes(loop: Loop) -> Iterator[str]:
+    """An estimate of 1 or more, an estimator that starts above its cap, a learner without a step."""
+    if loop["estimate_ratio"] is None:
+        (estimate,) = _values(loop, "backlash_estimate")
+    else:
+        ratio, backlash = _values(loop, "estimate_ratio", "backlash")
+        estimate = ratio * backlash
+    largest = float(estimate.max())
+    if largest >= 1.0:
+        yield (
+            f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
+            "lower estimate_ratio or backlash"
+        )
+    used = words_used(loop, "estimator")
+    step, error_ratio, reference = _values(loop, "learning_step", "learning_error_ratio", "learning_reference")
+    word = xr.where(step > 0.0, "learner", "none") if loop["estimator"] is None else _values(loop, "estimator")[0]
+    for name, cap in _CAPS.items():
+        if name in used and ((word == name) & (estimate > xr.DataArray(loop[cap]))).any():
+            yield (
+                f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
+                "lower the estimate or raise the cap"
+            )
+    if "learner" in used and ((word == "learner") & (step == 0.0)).any():
+        yield "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
+    if (error_ratio > 0.0).any() and ((error_ratio > 0.0) & (reference == 0.0)).any():
+        yield (
+            "learning_error_ratio without learning_reference: the error of the first interval is that of the start-up, "
+            "give the number of intervals that the reference is the mean of"
+        )
+
+
+def _stem_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
+    jump, backlash = _values(loop, "slip_jump", "backlash")
+    least = min(least_scale, 1.0)
+    if (jump > 0.0).any() and (excess := float((jump - least * backlash).where(jump > 0.0, 0.0).max())) > 0.0:
+        scaled = "" if least == 1.0 else f", which backlash_scale makes {least:g} times as large"
+        yield (
+            f"slip_jump is up to {excess:g} above the backlash{scaled}: a stem jumps at most by the band in which it "
+            "sticks, lower slip_jump or raise backlash"
+        )
 
 
 def _unread_by_estimators(loop: Loop) -> dict[str, str]:
@@ -154,67 +155,47 @@ def _unread_by_estimators(loop: Loop) -> dict[str, str]:
 
 
 def _unread_by_controller(loop: Loop) -> dict[str, str]:
-    unread = {}
-    for name, words, when_on in (
-        ("buffer_noise", "buffer_noise = 'measured'", "measured"), ("buffer_swing", "buffer_swing", None)
-    ):  # fmt: skip
-        if not _is_changed(loop, name):
-            continue
-        value, buffered = xr.DataArray(loop[name]), xr.DataArray(loop["buffer_ratio"]) > 0.0
-        is_on = value > 0.0 if when_on is None else value == when_on
-        if bool(is_on.any()) and not bool((is_on & buffered).any()):
-            unread[name] = f"{words} without buffer_ratio: give buffer_ratio, or leave {name} out"
-    if _is_changed(loop, "smooth_rate") and not bool(np.any(np.asarray(loop["compensation"]) == "smooth")):
-        unread["smooth_rate"] = "smooth_rate without compensation = 'smooth': give that word, or leave smooth_rate out"
-    return unread
+    ratio, noise, swing, law = _values(loop, "buffer_ratio", "buffer_noise", "buffer_swing", "compensation")
+    changed = xr.DataArray(_is_changed(loop, "smooth_rate"))
+    readers = {  # where a value is given, where it is read, and what reads it
+        "buffer_noise": (noise == "measured", ratio > 0.0, "buffer_noise = 'measured' without buffer_ratio"),
+        "buffer_swing": (swing > 0.0, ratio > 0.0, "buffer_swing without buffer_ratio"),
+        "smooth_rate": (changed, law == "smooth", "smooth_rate without compensation = 'smooth'"),
+    }
+    return {
+        name: f"{text}: give {'that word' if name == 'smooth_rate' else 'buffer_ratio'}, or leave {name} out"
+        for name, (given, read, text) in readers.items()
+        if given.any() and not (given & read).any()
+    }
 
 
 def _buffer_clashes(loop: Loop) -> list[str]:
-    if not _is_positive(loop, "buffer_ratio") and not _is_positive(loop, "buffer_swing"):
+    ratio, swing, word, kp, noise = _values(loop, "buffer_ratio", "buffer_swing", "buffer_noise", "kp", "noise_std")
+    if not (ratio > 0.0).any() and not (swing > 0.0).any():
         return []
+    measures, gain = word == "measured", loop["plant_gain"]
     problems = []
-    ratio, swing = xr.DataArray(loop["buffer_ratio"]), xr.DataArray(loop["buffer_swing"])
-    measures = xr.DataArray(loop["buffer_noise"]) == "measured"
-    if bool((measures & (ratio > 0.0) & (swing == 0.0)).any()):
+    if (measures & (ratio > 0.0) & (swing == 0.0)).any():
         problems.append(
             "buffer_noise = 'measured' without buffer_swing: a loop that rings looks like noise and would widen its "
             "own buffer, give buffer_swing and plant_gain"
         )
-    gain = loop["plant_gain"]
-    if gain is None and bool((swing > 0.0).any()):
+    if gain is None and (swing > 0.0).any():
         problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
     if problems:
         return problems
     # measured noise has no upper bound: the swing alone limits the buffer
-    noise = xr.DataArray(loop["noise_std"]).where(~measures, np.inf)
-    buffer = (ratio * abs(xr.DataArray(loop["kp"])) * noise).where(ratio > 0.0, 0.0)
+    buffer = (ratio * abs(kp) * noise.where(~measures, np.inf)).where(ratio > 0.0, 0.0)
     if gain is not None:
-        highest = xr.DataArray(swing / xr.DataArray(gain))
+        highest = swing / xr.DataArray(gain)
         buffer = buffer.where((swing == 0.0) | (buffer < highest), highest)
-        if bool((measures & (buffer >= 1.0)).any()):
+        if (measures & (buffer >= 1.0)).any():
             largest = float(highest.where(measures).max())
             return [f"buffer_swing / plant_gain reaches {largest:g}: a buffer must stay below 1, lower buffer_swing"]
     largest = float(buffer.max())
     if largest >= 1.0:
         return [f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"]
     return []
-
-
-def _dead_band_clashes(loop: Loop, T_set: Array) -> list[str]:
-    """Refuse a dead band in which every change of the set-point would be too small to act on."""
-    widest = float(np.max(np.asarray(loop["error_dead_band"])))
-    width = float(np.max(T_set) - np.min(T_set))
-    if ONE_SET_POINT <= width <= widest:
-        return [
-            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
-            "move the valve, give less"
-        ]
-    return []
-
-
-def _is_positive(loop: Loop, name: str) -> bool:
-    """Whether some scenario has a value above 0."""
-    return bool(np.any(np.asarray(loop[name]) > 0.0))
 
 
 def _is_changed(loop: Loop, name: str) -> bool:
@@ -233,50 +214,41 @@ def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
         warnings.warn(doubt, stacklevel=5)
 
 
-def _doubts(loop: Loop, boundary: Boundary) -> list[str]:
+def _doubts(loop: Loop, boundary: Boundary) -> Iterator[str]:
     """Mismatches of loop and days, a sentence each."""
     actions = np.unique(np.asarray(loop["action"]))
     turns = bool(np.any(np.asarray(loop["kp"]) < 0.0))
     if turns or words_used(loop, "law") != {"pi"}:  # the meaning of the action is then unknown
-        return []
-    found = []
+        return
     (w_low, w_high), (a_low, a_high), (low, high) = (boundary.extremes[n] for n in ("T_w_in", "T_a_in", "T_set"))
     if "heating" in actions and w_high < a_low:
-        found.append(
+        yield (
             f"action = 'heating', but the water (up to {w_high:.3g} degC) is never warmer than the air (from "
             f"{a_low:.3g} degC): opening the valve cools; give action = 'cooling', or days of heating"
         )
     elif "heating" in actions and max(w_high, a_high) < low:
-        found.append(
+        yield (
             f"T_set is {low:.3g} degC or more, water and air {max(w_high, a_high):.3g} degC at most: no opening warms "
             "the air that far; lower T_set, or give warmer water"
         )
     elif "heating" in actions and w_high - a_low > FAR:
-        found += _cooling_gains(loop)
+        kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
+        cooling = [name for name in COOLING if (kp, ti) == (Loop.preset(name)["kp"], Loop.preset(name)["ti"])]
+        for name in cooling[:1]:
+            yield (
+                f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: with "
+                "hot water they may ring, or be slow; begin with the preset heating or heating_45, or give other gains"
+            )
     if "cooling" in actions and w_low > a_high:
-        found.append(
+        yield (
             f"action = 'cooling', but the water (from {w_low:.3g} degC) is never colder than the air (up to "
             f"{a_high:.3g} degC): opening the valve warms; give action = 'heating', or days of cooling"
         )
     elif "cooling" in actions and min(w_low, a_low) > high:
-        found.append(
+        yield (
             f"T_set is {high:.3g} degC or less, water and air {min(w_low, a_low):.3g} degC at least: no opening cools "
             "the air that far; raise T_set, or give colder water"
         )
-    return found
-
-
-def _cooling_gains(loop: Loop) -> list[str]:
-    """A sentence on gains that are those of a preset for cooling; none where they are swept."""
-    kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
-    for name in COOLING:
-        preset = Loop.preset(name)
-        if (kp, ti) == (preset["kp"], preset["ti"]):
-            return [
-                f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: with "
-                "hot water they may ring, or be slow; begin with the preset heating or heating_45, or give other gains"
-            ]
-    return []
 
 
 _CHUNK = 65536
@@ -290,29 +262,28 @@ def check_stability(layout: Layout) -> None:
     dh_s/dT at the largest entering dew point, unless the coil cannot get wet.
     """
     coil = _coil_and_valve(layout)
-    boundary = layout.boundary
-    m_a = _air_flows(boundary)
-    n_bad, worst = 0, (0, 0.0, 0.0)
-    for start in range(0, coil.size, _CHUNK):
-        index = np.arange(start, min(start + _CHUNK, coil.size))
-        columns = coil.columns(index)
-        gamma, lam = worst_numbers(parameter_matrix(columns), m_a, _wet_slope(boundary, columns))
-        broken = np.maximum(gamma, lam)
-        n_bad += int(np.count_nonzero(~(broken <= 1.0)))
-        k = int(np.nanargmax(broken))
-        if broken[k] > max(worst[1:]):
-            worst = start + k, float(gamma[k]), float(lam[k])
-    if n_bad:
-        raise InputError(_verdict(layout, coil, n_bad, m_a, *worst))
+    numbers = _stability_numbers(coil)
+    broken = numbers.max(axis=0)
+    if n_bad := int(np.count_nonzero(~(broken <= 1.0))):
+        worst = int(np.nanargmax(broken))
+        raise InputError(_verdict(layout, coil, n_bad, worst, *numbers[:, worst].tolist()))
 
 
 def stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
     """Whether γ ≤ 1 and λ ≤ 1, over the dims of ``loop``: as ``check_stability``, without refusing."""
     layout = Layout(loop, boundary)
-    columns = layout.columns(np.arange(layout.size))
-    gamma, lam = worst_numbers(parameter_matrix(columns), _air_flows(boundary), _wet_slope(boundary, columns))
-    holds = (np.maximum(gamma, lam) <= 1.0).reshape(tuple(loop.sizes.values()))
+    holds = (_stability_numbers(layout).max(axis=0) <= 1.0).reshape(tuple(loop.sizes.values()))
     return xr.DataArray(holds, dims=tuple(loop.sizes), coords=layout.coordinates())
+
+
+def _stability_numbers(layout: Layout) -> np.ndarray:
+    """γ and λ of every scenario, (2, n)."""
+    found = []
+    for start in range(0, layout.size, _CHUNK):
+        columns = layout.columns(np.arange(start, min(start + _CHUNK, layout.size)))
+        slope = _wet_slope(layout.boundary, columns)
+        found.append(worst_numbers(parameter_matrix(columns), _air_flows(layout.boundary), slope))
+    return np.concatenate(found, axis=1)
 
 
 def _air_flows(boundary: Boundary) -> np.ndarray:
@@ -341,10 +312,11 @@ def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
     return float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
 
 
-def _verdict(layout: Layout, coil: Layout, n_bad: int, m_a: np.ndarray, worst: int, gamma: float, lam: float) -> str:
+def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: int, gamma: float, lam: float) -> str:
     """worst: flat index of the least stable scenario, of γ and λ."""
     columns = coil.columns(np.array([worst]))
     matrix, slope = parameter_matrix(columns), _wet_slope(layout.boundary, columns)
+    m_a = _air_flows(layout.boundary)
     n_volumes, substeps = int(columns["n_volumes"][0]), int(columns["substeps"][0])
     largest_stable = n_volumes
     while largest_stable := largest_stable - 1:
