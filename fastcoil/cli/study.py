@@ -88,7 +88,7 @@ def plan(study: Path, jobs: int | None) -> None:
     with quick_start():
         from fastcoil.base.machine import available_memory, gib
         from fastcoil.loops.plan import check_disk, first_shards
-        from fastcoil.loops.simulate import count_shards, estimate_seconds, workers
+        from fastcoil.loops.simulate import estimate_seconds, workers
         from fastcoil.model.engine.lanes import compile_kernel
         from fastcoil.study.file.spec import read_study
         from fastcoil.study.run import default_folder
@@ -106,7 +106,7 @@ def plan(study: Path, jobs: int | None) -> None:
     alone, each = planned.memory_of_run(n_jobs, "threads")
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
-    n_shards = count_shards(first_shards(planned, n_jobs))
+    n_shards = sum(shard.n_in_chain for shard in first_shards(planned, n_jobs))
     n_steps = planned.n_scenarios * planned.n_steps
     say(f"Steps:       {planned.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
     say(f"Boundary:    {planned.layout.boundary.describe()}")

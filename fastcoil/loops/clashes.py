@@ -114,14 +114,15 @@ def _estimate_clashes(loop: Loop) -> Iterator[str]:
         )
     used = words_used(loop, "estimator")
     step, error_ratio, reference = _values(loop, "learning_step", "learning_error_ratio", "learning_reference")
-    word = xr.where(step > 0.0, "learner", "none") if loop["estimator"] is None else _values(loop, "estimator")[0]
+    learns = (step > 0.0) if loop["estimator"] is None else xr.DataArray(loop["estimator"]) == "learner"
     for name, cap in _CAPS.items():
-        if name in used and ((word == name) & (estimate > xr.DataArray(loop[cap]))).any():
+        has = learns if name == "learner" else xr.DataArray(loop["estimator"]) == name
+        if name in used and (has & (estimate > xr.DataArray(loop[cap]))).any():
             yield (
                 f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
                 "lower the estimate or raise the cap"
             )
-    if "learner" in used and ((word == "learner") & (step == 0.0)).any():
+    if "learner" in used and (learns & (step == 0.0)).any():
         yield "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
     if (error_ratio > 0.0).any() and ((error_ratio > 0.0) & (reference == 0.0)).any():
         yield (

@@ -199,7 +199,7 @@ class Plan:
         return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
 
     def chain_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
-        """Most lanes of a group and most days of a stretch, if ``n_blocks`` a day are to be run."""
+        """Most lanes of a group and most days of a shard, if ``n_blocks`` a day are to be run."""
         by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
         n_groups = 1
         if n_jobs > 1:
@@ -310,57 +310,31 @@ END_STATE = "end_state"
 
 @dataclass(frozen=True)
 class Shard:
-    """Scenarios of independent days.
+    """Scenarios that one worker runs: of independent days any, of a sequence of days a group of lanes on some of them.
 
-    index: (n,), their flat indices, ascending.
-    """
-
-    index: np.ndarray
-
-    @property
-    def size(self) -> int:
-        return self.index.size
-
-    @property
-    def lost(self) -> np.ndarray:
-        """Flat indices of all that cannot be run if this shard cannot."""
-        return self.index
-
-    def halves(self) -> list[Shard]:
-        """Smaller shards with the same scenarios."""
-        return [Shard(half) for half in np.array_split(self.index, 2)]
-
-    def includes(self, other: Shard | Stretch) -> bool:
-        """Whether another shard, which comes after one of its halves, is part of it."""
-        return False
-
-    def after(self, part: xr.Dataset) -> Stretch | None:
-        """The shard that follows this one, given its results: none."""
-        return None
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A group of lanes on consecutive days, which other stretches of its chain follow; otherwise like a ``Shard``.
-
-    lanes: (n,), positions among the scenarios of a day, ascending.  of: number of scenarios of a day.  end: the day
-    before which the chain ends.  length: most days of a stretch.  begins: (n_lanes, n), the state in which its lanes
-    begin; ``None`` on the first day.
+    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day.  The others
+    are of a sequence: its consecutive days; the day before which the chain ends; most days of a shard of the chain;
+    begins: (n_lanes, n), the state in which its lanes begin, ``None`` on the first day.
     """
 
     lanes: np.ndarray
-    of: int
-    days: range
-    end: int
-    length: int
+    of: int = 0
+    days: range = range(1)
+    end: int = 1
+    length: int = 1
     begins: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
     def starting(
         cls, first: int, lanes: np.ndarray, of: int, end: int, length: int, begins: np.ndarray | None = None
-    ) -> Stretch:
-        """The stretch that starts on day ``first``."""
+    ) -> Shard:
+        """The shard of a sequence that starts on day ``first``."""
         return cls(lanes, of, range(first, min(first + length, end)), end, length, begins)
+
+    @property
+    def is_sequence(self) -> bool:
+        """Whether its days are a sequence."""
+        return self.of > 0
 
     def on(self, days: range) -> np.ndarray:
         """Flat indices of its lanes on some days, ascending."""
@@ -368,6 +342,7 @@ class Stretch:
 
     @property
     def index(self) -> np.ndarray:
+        """Flat indices of its scenarios, ascending."""
         return self.on(self.days)
 
     @property
@@ -376,14 +351,15 @@ class Stretch:
 
     @property
     def lost(self) -> np.ndarray:
+        """Flat indices of all that cannot be run if this shard cannot."""
         return self.on(range(self.days.start, self.end))
 
     @property
     def n_in_chain(self) -> int:
-        """Number of stretches from this one to the end."""
+        """Number of shards from this one to the end of the chain."""
         return 1 - (self.days.stop - self.end) // self.length
 
-    def halves(self) -> list[Stretch]:
+    def halves(self) -> list[Shard]:
         """Two groups of lanes; of a single lane, the first half of the days, which the rest comes after."""
         if self.lanes.size == 1:
             return [replace(self, days=self.days[: len(self.days) // 2])]
@@ -392,16 +368,17 @@ class Stretch:
             for half in np.array_split(np.arange(self.lanes.size), 2)
         ]
 
-    def includes(self, other: Shard | Stretch) -> bool:
-        return isinstance(other, Stretch) and other.days.start in self.days
+    def includes(self, other: Shard) -> bool:
+        """Whether another shard, which comes after one of its halves, is part of it."""
+        return self.is_sequence and other.days.start in self.days
 
-    def after(self, part: xr.Dataset) -> Stretch | None:
-        """The next stretch; ``part``: the results of this one."""
+    def after(self, part: xr.Dataset) -> Shard | None:
+        """The shard that follows this one, given its results; None at the end of a chain."""
         return self.begun(part[END_STATE].values) if self.days.stop < self.end else None
 
-    def begun(self, state: np.ndarray) -> Stretch:
-        """The next stretch; ``state``: in which this one ended."""
-        return Stretch.starting(self.days.stop, self.lanes, self.of, self.end, self.length, state)
+    def begun(self, state: np.ndarray) -> Shard:
+        """The shard that follows; ``state``: in which this one ended."""
+        return Shard.starting(self.days.stop, self.lanes, self.of, self.end, self.length, state)
 
 
 class Reached:
@@ -416,7 +393,7 @@ class Reached:
         """State of a lane there."""
 
     def take(self, part: xr.Dataset) -> None:
-        """Note the results of a stretch; those of earlier days come first."""
+        """Note the results of a shard; those of earlier days come first."""
         index = part["scenario"].values
         first, end = int(index[0]) // self._of, int(index[-1]) // self._of + 1
         lanes = index[index // self._of == first] % self._of
@@ -432,7 +409,7 @@ class Reached:
 
 def first_shards(
     plan: Plan, n_jobs: int, todo: np.ndarray | None = None, reached: Reached | None = None
-) -> list[Shard | Stretch]:
+) -> list[Shard]:
     """The shards that can start immediately; where days are a sequence, others follow.
 
     todo: flat indices of the scenarios to run, ascending; all by default.  reached: where to go on, from the first day
@@ -443,13 +420,13 @@ def first_shards(
     of, reached = plan.n_a_day, reached or Reached(plan)
     chains = _chains(np.arange(plan.n_scenarios) if todo is None else todo, of, reached.day)
     most, days = plan.chain_limits(n_jobs, sum(-(-lanes.size // LANES) for *_, lanes in chains))
-    found: list[Shard | Stretch] = []
+    found: list[Shard] = []
     for first, end, lanes in chains:
         n_blocks, n_groups = -(-lanes.size // LANES), -(-lanes.size // most)
         edges = np.arange(1, n_groups) * n_blocks // n_groups * LANES  # whole blocks, about equal
         for group in np.split(lanes, edges):
             begins = None if first == 0 else _stacked([reached.states[k] for k in group.tolist()])
-            found.append(Stretch.starting(first, group, of, end, days, begins))
+            found.append(Shard.starting(first, group, of, end, days, begins))
     return found
 
 

@@ -22,7 +22,7 @@ from fastcoil.base.arguments import checking, flag_of, whole_of
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.plan import END_STATE, Plan, Shard, Stretch, first_shards, plan_simulation, simulation_attributes
+from fastcoil.loops.plan import END_STATE, Plan, Shard, first_shards, plan_simulation, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, shaped, trace_coordinates, variables_of
 from fastcoil.model.engine.emulator import Day
@@ -115,7 +115,7 @@ def run_interruptibly(
     return run_block(block, day, wanted, work)
 
 
-def run_shard(plan: Plan, shard: Shard | Stretch) -> xr.Dataset:
+def run_shard(plan: Plan, shard: Shard) -> xr.Dataset:
     """Run the scenarios of a shard, day by day and block by block.
 
     Returns a flat Dataset, see ``flat_dataset``; of a stretch that others follow it also has ``END_STATE``.
@@ -148,12 +148,12 @@ class Results:
             self.traces[name][members, *volumes] = signal[..., : members.size].T
 
 
-def run_into(found: Results, plan: Plan, shard: Shard | Stretch, places: np.ndarray) -> np.ndarray | None:
+def run_into(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> np.ndarray | None:
     """Run the scenarios of a shard.  places: (n,), where their results go; other threads may fill other places.
 
     Returns the states at the end of a stretch that others come after, (n_lanes, n_numbers).
     """
-    if isinstance(shard, Shard):
+    if not shard.is_sequence:
         _run_days_apart(found, plan, shard, places)
         return None
     end = _run_days_in_sequence(found, plan, shard, places)
@@ -170,7 +170,7 @@ def _run_days_apart(found: Results, plan: Plan, shard: Shard, places: np.ndarray
             found.run(block, day, places[of_day[lanes]])
 
 
-def _run_days_in_sequence(found: Results, plan: Plan, stretch: Stretch, places: np.ndarray) -> np.ndarray:
+def _run_days_in_sequence(found: Results, plan: Plan, stretch: Shard, places: np.ndarray) -> np.ndarray:
     """Returns the state of every lane at the end, (n_lanes, n)."""
     rules = rules_for_kernels(plan.layout.loop.rules)
     n = stretch.lanes.size
@@ -202,17 +202,14 @@ def estimate_seconds(plan: Plan, n_jobs: int) -> float:
     """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks."""
     first = first_shards(plan, n_jobs)
     # of a sequence of days the first of each group
-    pieces = [shard.on(range(1)) if isinstance(shard, Stretch) else shard.index for shard in first]
+    pieces = [shard.on(range(1)) for shard in first]
     timed = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, _SHARDS_TIMED).astype(int))]
     work = sum(_seconds_of(plan, shard) for shard in timed) * plan.n_scenarios / sum(map(len, timed))
     bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE
-    afterwards = count_shards(first) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
+    afterwards = (
+        sum(shard.n_in_chain for shard in first) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
+    )
     return work / min(n_jobs, len(first)) + afterwards
-
-
-def count_shards(first: Sequence[Shard | Stretch]) -> int:
-    """How many shards there are in all, with those that come after the ``first``."""
-    return sum(shard.n_in_chain if isinstance(shard, Stretch) else 1 for shard in first)
 
 
 def _seconds_of(plan: Plan, shard: np.ndarray) -> float:
@@ -315,8 +312,8 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
     """Run all shards of a plan on threads; ``advance`` receives the size of each finished one."""
     found = Results(plan, plan.n_scenarios)
 
-    def run(shard: Shard | Stretch) -> None:
-        while (state := run_into(found, plan, shard, shard.index)) is not None and isinstance(shard, Stretch):
+    def run(shard: Shard) -> None:
+        while (state := run_into(found, plan, shard, shard.index)) is not None:
             advance(shard.size)
             shard = shard.begun(state)
         advance(shard.size)

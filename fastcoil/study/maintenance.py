@@ -18,7 +18,7 @@ from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
-from fastcoil.loops.plan import Plan, Shard, Stretch, simulation_attributes
+from fastcoil.loops.plan import Plan, Shard, simulation_attributes
 from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
@@ -141,7 +141,7 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
         return run_shard(plan, Shard(np.array([flat])))
     of = plan.n_a_day
     day, lane = divmod(flat, of)
-    first = Stretch.starting(0, np.array([lane]), of, day + 1, max(1, day))
+    first = Shard.starting(0, np.array([lane]), of, day + 1, max(1, day))
     last = first.after(run_shard(replace(plan, traces=TraceRequest()), first)) if day else first
     assert last is not None
     return run_shard(plan, last)

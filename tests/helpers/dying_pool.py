@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fastcoil.loops.plan import END_STATE, Shard, Stretch
+from fastcoil.loops.plan import END_STATE, Shard
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.workers import dispatch
 from fastcoil.study.workers.dispatch import Dispatcher
@@ -29,7 +29,7 @@ def healthy(index):
 def answer_to(shard):
     """The results of a shard.  The state of a lane is its number and the day that comes next, and is looked at."""
     part = healthy(shard.index)
-    if not isinstance(shard, Stretch):
+    if not shard.is_sequence:
         return part
     lanes = shard.lanes
 

@@ -23,7 +23,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from fastcoil.base.errors import FastcoilError
-from fastcoil.loops.plan import Shard, Stretch
+from fastcoil.loops.plan import Shard
 from fastcoil.study import run as runner
 from fastcoil.study.workers.worker import Job, run_scenarios
 from helpers import calls
@@ -80,7 +80,7 @@ class Serial:
     def __init__(self, job: Job) -> None:
         self.job = job
 
-    def submit(self, shard: Shard | Stretch) -> Future:
+    def submit(self, shard: Shard) -> Future:
         future: Future = Future()
         future.set_result(run_scenarios(self.job, shard))
         return future

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.plan import Stretch, plan_simulation
+from fastcoil.loops.plan import Shard, plan_simulation
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.metrics import COUNTED, HUNTING_SEEN, SETTLED
 from fastcoil.model.metric_table import METRICS, TRACES
@@ -172,8 +172,8 @@ def test_a_stretch_may_go_on_in_other_blocks():
     )  # fmt: skip
     plan = plan_simulation(loop, in_days(), warm_up=WARM_UP, carry_over=True)
     of = plan.n_scenarios // N_DAYS
-    whole = run_shard(plan, Stretch.starting(0, np.arange(of), of, N_DAYS, N_DAYS))
-    first = Stretch.starting(0, np.arange(of), of, N_DAYS, 1)
+    whole = run_shard(plan, Shard.starting(0, np.arange(of), of, N_DAYS, N_DAYS))
+    first = Shard.starting(0, np.arange(of), of, N_DAYS, 1)
     one, other = first.after(run_shard(plan, first)).halves()
     pieces = [other, *one.halves()]
     assert [piece.lanes.size for piece in pieces] == [100, 51, 50]

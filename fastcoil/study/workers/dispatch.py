@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError, out_of_memory
-from fastcoil.loops.plan import Shard, Stretch
+from fastcoil.loops.plan import Shard
 from fastcoil.study.workers.pools import Pool
 from fastcoil.study.workers.worker import Interrupt, Job, crashed_part
 
@@ -24,7 +24,7 @@ _FIRST_LIMIT, _LEAST_LIMIT, _LIMIT_FACTOR = 600.0, 60.0, 20.0
 class _Flight:
     """A shard in flight.  since: when it was last known not to run yet."""
 
-    shard: Shard | Stretch
+    shard: Shard
     since: float
 
 
@@ -48,7 +48,7 @@ class Dispatcher:
         self._anything_ran = False
         self._guilty: list[np.ndarray] = []
 
-    def run(self, shards: Sequence[Shard | Stretch]) -> Iterator[xr.Dataset]:
+    def run(self, shards: Sequence[Shard]) -> Iterator[xr.Dataset]:
         """Run every shard, and all that come after them, and yield their flat results (see ``run_shard``).
 
         Raises
@@ -66,10 +66,10 @@ class Dispatcher:
             self._require_memory("not even single scenarios can be run any more")
         yield from self._take_crashed()
 
-    def _run_with_suspects(self, shards: Sequence[Shard | Stretch]) -> Iterator[xr.Dataset]:
+    def _run_with_suspects(self, shards: Sequence[Shard]) -> Iterator[xr.Dataset]:
         waiting = deque(shards)
         while waiting:
-            suspects: list[Shard | Stretch] = []
+            suspects: list[Shard] = []
             yield from self._run_all(waiting, suspects, waiting)
             for shard in suspects:
                 yield from self._run_alone(shard, waiting)
@@ -78,17 +78,15 @@ class Dispatcher:
         while self._guilty:
             yield crashed_part(self._job, self._guilty.pop(0))
 
-    def _run_alone(
-        self, shard: Shard | Stretch, after: deque[Shard | Stretch], attempts: int = 1
-    ) -> Iterator[xr.Dataset]:
+    def _run_alone(self, shard: Shard, after: deque[Shard], attempts: int = 1) -> Iterator[xr.Dataset]:
         """Run a suspect, or what can be run of it; ``after`` gets what comes after it."""
-        suspects: list[Shard | Stretch] = []
+        suspects: list[Shard] = []
         yield from self._run_all(deque([shard]), suspects, after)
         if not suspects:
             return
         if shard.size > 1:
             for half in shard.halves():
-                later: deque[Shard | Stretch] = deque()
+                later: deque[Shard] = deque()
                 yield from self._run_alone(half, later)
                 for rest in later:
                     if shard.includes(rest):
@@ -102,9 +100,7 @@ class Dispatcher:
         else:
             yield from self._run_alone(shard, after, attempts + 1)
 
-    def _run_all(
-        self, waiting: deque[Shard | Stretch], suspects: list[Shard | Stretch], after: deque[Shard | Stretch]
-    ) -> Iterator[xr.Dataset]:
+    def _run_all(self, waiting: deque[Shard], suspects: list[Shard], after: deque[Shard]) -> Iterator[xr.Dataset]:
         """Yield the results of the shards that survive; add the others to ``suspects``.
 
         after: gets what comes after those that are done; it may be ``waiting``.
@@ -147,7 +143,7 @@ class Dispatcher:
                 in_flight.clear()
                 pool.restart()
 
-    def _submit(self, waiting: deque[Shard | Stretch], in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
+    def _submit(self, waiting: deque[Shard], in_flight: dict[cf.Future[xr.Dataset], _Flight]) -> bool:
         """Start as many shards as there are workers, and one more; returns whether a worker was found dead."""
         # one more, so that none waits for this thread to write
         while waiting and len(in_flight) <= self._pool.n_workers:

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 from fastcoil.base.errors import FastcoilError, InputError, missing_extra, shown
 from fastcoil.base.files import storage_errors
-from fastcoil.loops.plan import Shard, Stretch
+from fastcoil.loops.plan import Shard
 from fastcoil.loops.simulate import within
 from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.workers.worker import (
@@ -51,7 +51,7 @@ class Pool(Protocol):
     falls_together: bool
     can_kill: bool
 
-    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+    def submit(self, shard: Shard) -> cf.Future[Any]:
         """Start a shard; the future gives its flat Dataset."""
 
     def stalled(self, seconds: float) -> None:
@@ -76,7 +76,7 @@ class Threads:
         self._job = job
         self._executor = cf.ThreadPoolExecutor(n_workers)
 
-    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+    def submit(self, shard: Shard) -> cf.Future[Any]:
         return self._executor.submit(run_scenarios, self._job, shard)
 
     def stalled(self, seconds: float) -> None:
@@ -120,7 +120,7 @@ class Loky:
             pickle.dump(content, file)
         return path
 
-    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+    def submit(self, shard: Shard) -> cf.Future[Any]:
         return self._executor.submit(run_from_file, self._filed(shard))  # type: ignore[no-any-return]
 
     def stalled(self, seconds: float) -> None:
@@ -194,7 +194,7 @@ class Dask:
             )
         return found.pop()
 
-    def submit(self, shard: Shard | Stretch) -> cf.Future[Any]:
+    def submit(self, shard: Shard) -> cf.Future[Any]:
         if self._client.status != "running":
             raise FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
         return self._executor.submit(run_elsewhere, self._job, shard, self._identity)  # type: ignore[no-any-return]

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError
-from fastcoil.loops.plan import END_STATE, Plan, Shard, Stretch
+from fastcoil.loops.plan import END_STATE, Plan, Shard
 from fastcoil.loops.scenarios import flat_dataset
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
@@ -50,7 +50,7 @@ def itself(job: Job) -> Job:
     return job
 
 
-def run_scenarios(job: Job, shard: Shard | Stretch) -> xr.Dataset:
+def run_scenarios(job: Job, shard: Shard) -> xr.Dataset:
     """Run a shard, and reduce its traces if the study asks for it.  Returns a flat Dataset, see ``run_shard``."""
     part = run_shard(job.plan, shard)
     if job.reduction is None:
@@ -65,7 +65,7 @@ def run_scenarios(job: Job, shard: Shard | Stretch) -> xr.Dataset:
     )
 
 
-def run_elsewhere(job: Job, shard: Shard | Stretch, expected: tuple[str, str] | None = None) -> xr.Dataset:
+def run_elsewhere(job: Job, shard: Shard, expected: tuple[str, str] | None = None) -> xr.Dataset:
     """As ``run_scenarios``, for a job that came from another process, which has the code of its rules only as text.
 
     expected: the identity this worker must have; it may have joined after the others were checked.

@@ -10,7 +10,7 @@ from helpers.dying_pool import Pool, found
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastcoil.loops.plan import Stretch
+from fastcoil.loops.plan import Shard
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 
 pytestmark = pytest.mark.timeout(60)
@@ -20,7 +20,7 @@ OF, N_DAYS = 12, 9
 
 
 def chains(n_groups, length):
-    return [Stretch.starting(0, lanes, OF, N_DAYS, length) for lanes in np.array_split(np.arange(OF), n_groups)]
+    return [Shard.starting(0, lanes, OF, N_DAYS, length) for lanes in np.array_split(np.arange(OF), n_groups)]
 
 
 @settings(max_examples=300 if FULL else 40)
