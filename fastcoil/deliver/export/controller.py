@@ -87,7 +87,7 @@ class Controller:
             others = [each for n in (law.Memory._fields if law else ()) for each in (n, f"{n}_known")]
             function = written.get(estimator.name, estimator.step)
             self.estimating = self._port("estimator", estimator, function, [*taken, *others])
-            taken += names_in("\n".join([*self.estimating.functions, *self.estimating.sections]))
+            taken += names_in(self.estimating.step)
         if law is not None:
             self.deciding = self._port("law", law, written.get(law.name, law.step), taken)
         self.ports = [port for port in (self.estimating, self.deciding) if port is not None]

@@ -49,10 +49,6 @@ _FUNCTIONS: Mapping[str, tuple[Any, ...]] = {
 KNOWN = "abs, cos, exp, floor, log, max, min, sin, sqrt, tan, tanh, their inverses"
 
 
-class InlineError(Exception):
-    """A function of numbers cannot stand by itself: it finds NaN, reads a table, or returns several numbers."""
-
-
 class Formulas(Variables, ABC):
     """Evaluates expressions."""
 
@@ -109,18 +105,16 @@ class Formulas(Variables, ABC):
         raise self._refusal(f"{name} has no value", "give it one before it is read")
 
     def _lifted(self, name: str, value: Any, filename: str) -> Any:
-        """A name of the module: numbers become constants of the laws; a function has them as numbers."""
+        """A name of the module: numbers become constants of the laws."""
         value = value.item() if isinstance(value, (np.number, np.bool_)) else value
         if isinstance(value, (int, float)):
             number = constant(value)
-            if self.is_function or isinstance(value, bool) or not math.isfinite(value):
+            if isinstance(value, bool) or not math.isfinite(value):
                 return number
             return replace(number, text=ast.Name(self._module_constant(name, value, filename)))
         if isinstance(value, (tuple, np.ndarray)) and not hasattr(value, "_fields"):
             if np.ndim(value) != 1:
                 raise self._refusal(f"{name} is a table of several dimensions", "use one table for each row")
-            if self.is_function:
-                raise InlineError
             numbers = tuple(np.asarray(value, dtype=float).tolist())
             return Table(self._module_constant(name, numbers, filename), numbers)
         return value

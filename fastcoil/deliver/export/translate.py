@@ -1,8 +1,8 @@
 """A rule of the kernel, of the package or of the user, written anew as laws for the field.
 
-``Translator`` follows the Python of a rule with expressions in place of numbers.  What is left is one function of the
-state, with functions of numbers, without classes, tuples or conditional expressions.  What the parameters of the loop
-decide is decided here: a branch that this controller never takes is not in its code.
+``Translator`` follows the Python of a rule with expressions in place of numbers, and that of all functions that it
+calls.  What is left is one function of the state, without classes, tuples or conditional expressions.  What the
+parameters of the loop decide is decided here: a branch that this controller never takes is not in its code.
 
 NaN, which stands for "nothing yet" in a memory, has no portable form in Structured Text.  A variable that may be NaN
 gets a flag beside it, ``x_known``, and every comparison asks for the flag first.
@@ -14,12 +14,11 @@ import ast
 import copy
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from fastcoil.deliver.export.formulas import KNOWN, Formulas, InlineError
+from fastcoil.deliver.export.formulas import KNOWN, Formulas
 from fastcoil.deliver.export.python import (
     commented,
     comments_of,
@@ -52,19 +51,17 @@ from fastcoil.model.estimators.interface import defaults_of, is_sample
 
 _MOST_ROUNDS = 50
 _RETURNED = object()  # what a block gives whose values are stored already
-_WORDS = {"real": "float", "flag": "bool", "whole": "int", "": "None"}
 _UNKNOWN = {"While": "a while loop", "With": "with", "Raise": "raise", "Assert": "assert", "Break": "break",
             "Continue": "continue", "FunctionDef": "a function inside a function", "Try": "try"}  # fmt: skip
 
 
 class Port(NamedTuple):
-    """A rule as laws: texts of Python, see ``source.Laws``."""
+    """A rule as laws: texts of Python, see ``source.Laws``.  step: a function of the state; call: how it is called."""
 
     constants: list[str]
     fields: list[str]
     start: list[str]
-    functions: list[str]
-    sections: list[str]
+    step: str
     call: str
     reads: frozenset[str]
 
@@ -104,7 +101,6 @@ class Translator(Formulas):
         self._begin()
         self.bounds: dict[str, int] = {}
         """Largest value of each counter."""
-        self.functions: dict[Any, tuple[str, str, str] | None] = {}
         parameters = Record(self.Parameters, {n: self._parameter(n, float(x)) for n, x in self.numbers.items()})
         first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
         self.first: dict[str, Number] = {}
@@ -116,16 +112,15 @@ class Translator(Formulas):
         for n, name in self.fields.items():
             value = self.first[name] = self._real(first[n])
             if value.is_nothing and name in self.changing:
-                self.unit.nothing.add(name)
+                self.nothing.add(name)
             kept = name not in self.changing and value.value is not None
             memory[n] = value if kept else self._variable(name)
             if value.is_nothing:
                 self.out += [assigned(name, ast.Constant(0.0)), assigned(f"{name}_known", ast.Constant(False))]
             else:
                 self._store(name, value)
-        begins, self.out = self.out, []
+        begins = self._afresh()
         given = [self._sample(), parameters, Record(self.Memory, memory), *([Table()] if self.words else [])]
-        self._enter("")
         self._inlined(self.step, given, self._commit)
         return self._written(begins, needed(self.out, {self.goal, "s.w"}))
 
@@ -234,7 +229,7 @@ class Translator(Formulas):
             return scope.finish(None if node.value is None else self._value(node.value, scope))
         if isinstance(node, ast.If):
             test = self._flag(self._value(node.test, scope))
-            forks = has_return(node) and not (self.is_function and test.value is None)
+            forks = has_return(node)
             tails = [[*branch, *(rest if forks else [])] for branch in (node.body, node.orelse)]
             if test.value is None:
                 name = f"{scope.function.__name__.strip('_')}_found"
@@ -272,7 +267,7 @@ class Translator(Formulas):
                 parts = [self._bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
             for one, part in zip(target.elts, parts, strict=True):
                 self._set(one, part, scope)
-        elif isinstance(target, ast.Subscript) and _is_rows(self._value(target.value, scope)):
+        elif isinstance(target, ast.Subscript) and self._value(target.value, scope) == Table():
             index = self._whole(self._value(target.slice, scope))
             self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self._real(value).text))
         else:
@@ -289,7 +284,7 @@ class Translator(Formulas):
             raise self._refusal(f"it has {ast.unparse(call)}", "count by one, up or down")
         i = self._local(node.target.id, "loop")
         scope.names[node.target.id] = Number(ast.Name(i), "whole")
-        self.unit.kinds[i] = "whole"
+        self.kinds[i] = "whole"
         inside: list[ast.expr] = []
         if len(ends) < 3:  # a loop of the languages has constant ends
             largest = self._largest(ends[-1])
@@ -344,71 +339,12 @@ class Translator(Formulas):
         if id(node) in self.path:
             raise self._refusal(f"{python.__name__} calls itself", "write it as a loop")
         before, self.path = (self.path, self.where), (*self.path, id(node))
-        found = self._called(python, given, keywords)
-        self.path, self.where = before
-        return found
-
-    def _called(self, python: FunctionType, given: list[Any], keywords: dict[str, Any]) -> Any:
-        """A call: a formula as it is; numbers are given to a function of the laws; the rest is written here."""
-        scope = self._scope(python, None)
-        names, defaults = scope.arguments, python.__defaults__ or ()
+        names, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
         behind = {n: constant(x) for n, x in zip(names[len(names) - len(defaults) :], defaults, strict=True)}
         values = behind | dict(zip(names, given, strict=False)) | keywords
-        given = [values[n] for n in names]
-        if scope.is_formula and all(one.is_atom or scope.read[n] < 2 for n, one in values.items() if _is_number(one)):
-            with self._aside() as block:
-                found = self._inlined(python, given, lambda one: one)
-            if isinstance(found, Number) and not block:
-                return found
-        is_section = _is_rows(given[0] if given else None) and not has_return(scope.definition)
-        numbers = {n: values[n] for n in names[is_section:]}
-        if all(map(_is_number, numbers.values())):
-            passed = [self._number(one, n) for n, one in numbers.items()]
-            made = None
-            if not any(one.is_nothing for one in passed) and not self._needs(*passed):
-                made = self._function(python, tuple(one.kind for one in passed), is_section)
-            if made and is_section:
-                self.out.append(ast.Expr(call_of(made[0], ast.Name("s"), *(one.text for one in passed))))
-                return None
-            if made:
-                return Number(call_of(made[0], *(one.text for one in passed)), made[1])
-        return self._inlined(python, given, lambda one: one)
-
-    def _function(self, python: FunctionType, kinds: tuple[str, ...], is_section: bool) -> tuple[str, str, str] | None:
-        """Name, kind and text of a function of the laws; ``None`` for one that cannot stand by itself.
-
-        is_section: whether it works on the array and returns nothing.
-        """
-        key, found = (python, kinds), set()
-
-        def finish(value: Any) -> object:
-            if isinstance(value, Choice):
-                yes, no = value.yes, value.no
-                return self._either(value.test, (lambda: finish(yes), lambda: finish(no)))
-            if not isinstance(value, Number) or self._needs(value) or value.is_nothing:
-                raise InlineError
-            number = self._real(value) if value.kind == "whole" else value
-            found.add(number.kind)
-            self.out.append(ast.Return(number.text))
-            return _RETURNED
-
-        if key not in self.functions:
-            name = self._named(python.__name__.strip("_"), key, self.units[""])
-            self.functions[key] = made = None
-            with self._elsewhere("" if is_section else key, key), suppress(InlineError):
-                names = self._scope(python, None).arguments[is_section:]
-                head = {self._local(n, "argument"): kind for n, kind in zip(names, kinds, strict=True)}
-                self.unit.kinds |= head
-                given = [Number(ast.Name(n), kind) for n, kind in head.items()]
-                self._inlined(python, [*([Table()] if is_section else []), *given], finish)
-                kind = "" if is_section or len(found) != 1 else found.pop()
-                if kind or is_section:
-                    declared = [*(["s: State"] if is_section else []), *(f"{n}: {_WORDS[k]}" for n, k in head.items())]
-                    body = needed(self.out, {"s.w"})
-                    made = (name, kind, function_text(name, declared, _WORDS[kind], docstring_of(python), body))
-            del self.functions[key]  # behind those that it calls
-            self.functions[key] = made
-        return self.functions[key]
+        found = self._inlined(python, [values[n] for n in names], lambda one: one)
+        self.path, self.where = before
+        return found
 
     def _written(self, begins: list[ast.stmt], body: list[ast.stmt]) -> Port:
         """The texts, without constants and fields that nothing reads."""
@@ -416,12 +352,8 @@ class Translator(Formulas):
         name = self._named(self.rule, "rule")
         arguments = [n for n in ("T_sup", "T_set", "m_a") if n in read_in(body)]
         head = ["s: State", *(f"{n}: float" for n in arguments)]
-        made = [one for one in self.functions.values() if one is not None]
-        sections = [*(text for _, kind, text in made if not kind)]
-        sections.append(function_text(name, head, "None", docstring_of(python), body))
-        functions = [text for _, kind, text in made if kind]
-        used = set(re.findall(r"\bs\.(\w+)", "\n".join(sections)))
-        fields = []
+        text = function_text(name, head, "None", docstring_of(python), body)
+        used, fields = set(re.findall(r"\bs\.(\w+)", text)), []
         for n, field in self.fields.items():
             kept = field[2:]
             if kept in used:
@@ -433,17 +365,9 @@ class Translator(Formulas):
         if "w" in used:
             fields.append("w: list[float]  # sums and other numbers, one behind the other")
             start.append(f"s.w = zeros({self.words})")
-        read = {*names_in("\n".join([*functions, *sections, *start]))}
+        read = {*names_in("\n".join([text, *start]))}
         return Port(
             [constant_text(n, value, said) for n, (value, said) in self.constants.items() if n in read],
-            fields, start, functions, sections, f"{name}({', '.join(['s', *arguments])})",
+            fields, start, text, f"{name}({', '.join(['s', *arguments])})",
             frozenset({*arguments, *(["T_seen"] if "T_seen" in read else [])}),
         )  # fmt: skip
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (Number, Choice))
-
-
-def _is_rows(value: Any) -> bool:
-    return isinstance(value, Table) and not value.values

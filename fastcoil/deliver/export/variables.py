@@ -29,58 +29,38 @@ class AgainError(Exception):
     """More than was known may be NaN, changes, or is no whole number: translate once more."""
 
 
-class Unit:
-    """The variables of one function of the laws.
+class Variables:
+    """Collects statements and the variables in them.
 
-    pool: names that are taken.  names: by what they stand for, the same in every round.  kinds: of variables.  nothing:
-    those that may be NaN; beside each is a flag, ``name_known``.
+    kind, rule: law or estimator, and its name.  pool: names that are taken.  names: by what they stand for, the same in
+    every round.  kinds: of variables.  nothing: those that may be NaN; beside each is a flag, ``name_known``.  path:
+    the calls that led here.  facts: conditions that hold here.  definitions: of flags, by name.  unsteady: variables
+    that get several values.  out: the statements so far.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, kind: str, rule: str, names: Sequence[str]) -> None:
+        self.kind, self.rule, self.where = kind, rule, ""
         self.pool = {each.casefold() for each in (*names, *RESERVED)}
         self.names: dict[Any, str] = {}
         self.kinds: dict[str, str] = {}
         self.nothing: set[str] = set()
-
-
-class Variables:
-    """Collects statements and the variables in them.
-
-    kind, rule: law or estimator, and its name.  names: those that the laws have already.  unit: whose variables are
-    made.  path: the calls that led here.  facts: conditions that hold here.  definitions: of flags, by name.  unsteady:
-    variables that get several values.  out: the statements so far.
-    """
-
-    def __init__(self, kind: str, rule: str, names: Sequence[str]) -> None:
-        self.kind, self.rule, self.names, self.where = kind, rule, names, ""
-        self.units: dict[Any, Unit] = {"": Unit(names)}
+        self.out: list[ast.stmt] = []
         self._begin()
 
     def _begin(self) -> None:
         """Begin a round: all but names, kinds and what may be NaN is found anew."""
         self.constants: dict[str, tuple[Any, str]] = {}
         self.unsteady: set[str] = set()
-        self._enter("")
+        self._afresh()
 
-    def _enter(self, unit: Any, path: Any = ()) -> None:
-        """Write another function of the laws; one of numbers alone has names of its own."""
-        if unit not in self.units:
-            self.units[unit] = Unit([name for name in (*self.names, *self.constants) if name.isupper()])
-        self.unit = self.units[unit]
-        self.path, self.is_function = path, bool(unit)
+    def _afresh(self) -> list[ast.stmt]:
+        """Begin another function of the laws.  Returns the statements of the one before."""
+        before = self.out
+        self.path: Any = ()
         self.facts: set[str] = set()
         self.definitions: dict[str, ast.expr] = {}
-        self.out: list[ast.stmt] = []
-
-    @contextmanager
-    def _elsewhere(self, unit: Any, path: Any) -> Iterator[None]:
-        """Write another function of the laws, then go on here."""
-        here = {n: getattr(self, n) for n in ("unit", "path", "is_function", "facts", "definitions", "out", "where")}
-        self._enter(unit, path)
-        try:
-            yield
-        finally:
-            vars(self).update(here)
+        self.out = []
+        return before
 
     def _refusal(self, what: str, cure: str) -> InputError:
         where = f"{self.where}: " if self.where else ""
@@ -89,25 +69,24 @@ class Variables:
             f"{'an estimator' if self.kind == 'estimator' else 'the law'} of fastcoil"
         )
 
-    def _named(self, wanted: str, key: Any, unit: Unit | None = None) -> str:
+    def _named(self, wanted: str, key: Any) -> str:
         """A name that all languages can have and nothing else has; key: what it stands for."""
-        unit = unit or self.unit
-        if (key, wanted) not in unit.names:
+        if (key, wanted) not in self.names:
             name = "_".join(filter(None, plain_text(wanted).split("_"))) or "x"
             found, k = name, 1
-            while unit.pool & {found.casefold(), f"{found}_known".casefold()}:
+            while self.pool & {found.casefold(), f"{found}_known".casefold()}:
                 k, found = k + 1, f"{name}_{k + 1}"
-            unit.pool.add(found.casefold())
-            unit.names[key, wanted] = found
-        return unit.names[key, wanted]
+            self.pool.add(found.casefold())
+            self.names[key, wanted] = found
+        return self.names[key, wanted]
 
     def _local(self, wanted: str, key: Any) -> str:
         """The name of a variable in the call that led here."""
         return self._named(wanted, (self.path, key))
 
     def _variable(self, name: str) -> Number:
-        needs = frozenset({f"{name}_known"} & {f"{each}_known" for each in self.unit.nothing})
-        return Number(expression(name), self.unit.kinds.get(name, "real"), None, needs)
+        needs = frozenset({f"{name}_known"} & {f"{each}_known" for each in self.nothing})
+        return Number(expression(name), self.kinds.get(name, "real"), None, needs)
 
     def _needs(self, *numbers: Number) -> list[ast.expr]:
         """Flags that hold where numbers are none of them NaN, without those that hold here anyway."""
@@ -173,20 +152,20 @@ class Variables:
             yes, no = value.yes, value.no
             self._either(value.test, (lambda: self._store(name, yes), lambda: self._store(name, no)))
             return
-        kinds, flag = self.unit.kinds, f"{name}_known"
+        kinds, flag = self.kinds, f"{name}_known"
         if not value.is_nothing and kinds.setdefault(name, "real" if name[:2] == "s." else value.kind) != value.kind:
             if kinds[name] != "real":
                 kinds[name] = "real"
                 raise AgainError
             value = self._real(value)
         needs = self._needs(value)
-        if (needs or value.is_nothing) and name not in self.unit.nothing:
-            self.unit.nothing.add(name)
+        if (needs or value.is_nothing) and name not in self.nothing:
+            self.nothing.add(name)
             raise AgainError
         store: list[ast.stmt] = [assigned(name, value.text)]
         if ast.unparse(value.text) == name and not value.is_nothing:
             return
-        if name in self.unit.nothing:
+        if name in self.nothing:
             self.facts.discard(flag)
             known = ast.Constant(not value.is_nothing) if not needs else joined(ast.And(), needs)
             self.out.append(assigned(flag, known))
