@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from textwrap import wrap
 from typing import ClassVar
 
-from fastcoil.deliver.export.printer import Printer, statements_in, targets_of
+from fastcoil.deliver.export.printer import Printer, statements_in
 from fastcoil.deliver.export.source import Function, Laws, Named
 from fastcoil.deliver.export.words import WIDTH, broken, number
 
@@ -38,7 +37,6 @@ class InC(Printer):
         super().__init__(laws)
         self.struct = f"{name}_state"
         self.functions |= {one: f"{name}_{one}" if one in _PUBLIC else one for one in laws.functions}
-        self.declared: dict[str, str] = {}
 
     def text(self) -> str:
         """The whole file."""
@@ -73,19 +71,11 @@ class InC(Printer):
         return "\n".join(broken(head, r"(?<=,) "))
 
     def _function(self, one: Function) -> str:
-        """A function; what it finds once and for all is declared there, other variables before all."""
-        nodes = list(statements_in(one.body))
-        stored = Counter(ast.unparse(target) for node in nodes for target in targets_of(node))
-        stored.update(ast.unparse(node.target) for node in nodes if isinstance(node, ast.AugAssign))
-        counters = {ast.unparse(node.target) for node in nodes if isinstance(node, ast.For)}
-        kinds = {n: kind for n, kind in self.locals_of(one.body, one.kinds).items() if n not in counters}
-        first = {ast.unparse(n) for node in one.body for n in targets_of(node) if stored[ast.unparse(n)] == 1}
-        self.declared = {name: f"const {self.TYPES[kind]} {name}" for name, kind in kinds.items() if name in first}
-        before = [f"    {self.TYPES[kind]} {n} = {_ZEROS[kind]};" for n, kind in kinds.items() if n not in first]
+        """A function, its variables before all but the counters of loops."""
+        counters = {ast.unparse(node.target) for node in statements_in(one.body) if isinstance(node, ast.For)}
+        kinds = {name: kind for name, kind in self.locals_of(one.body, one.kinds).items() if name not in counters}
+        before = [f"    {self.TYPES[kind]} {name} = {_ZEROS[kind]};" for name, kind in kinds.items()]
         return "\n".join([self.comment(one.text), self._head(one), "{", *before, *self.block(one.body, 1), "}"])
-
-    def target(self, name: str) -> str:
-        return self.declared.get(name, name)
 
     def _term(self, node: ast.expr) -> str:
         if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Call):  # fmin of whole numbers is a double

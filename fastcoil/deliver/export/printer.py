@@ -52,16 +52,17 @@ class Printer:
         return self.number(value) if isinstance(value, float) else str(value)
 
     def listed(self, items: Iterable[Named], text: Callable[[Named], str], indent: str = "") -> list[str]:
-        """Declarations with what is said of them, aligned from gap to gap."""
-        lines: list[str] = []
-        rows: list[tuple[str, str]] = []
-        for one in items:
-            if rows and self.laws.has_gap(one.line):
-                lines, rows = [*lines, *_aligned(rows), ""], []
-            rows += [(indent + self.comment(line), "") for line in self.laws.above(one.line)]
-            said = self.laws.comment(one.line)
-            rows.append((indent + text(one), said and self.comment(said)))
-        return [*lines, *_aligned(rows)]
+        """Declarations with what is said of them."""
+        return [line for one in items for line in self._beside(indent + text(one), one.line, indent)]
+
+    def _beside(self, code: str, line: int, indent: str) -> list[str]:
+        """Code with the comments above its line of the laws, and with that behind it, above where it would be long."""
+        said = self.laws.comment(line)
+        beside = f"{code}  {self.comment(said)}" if said else code
+        above = self.laws.above(line)
+        if len(beside) > WIDTH or "\n" in code:
+            above, beside = [*above, *([said] if said else [])], code
+        return [*(indent + self.comment(one) for one in above), beside]
 
     def say(self, node: ast.expr, around: str = "or") -> str:
         """An expression inside one that binds like ``around``."""
@@ -104,15 +105,10 @@ class Printer:
         """Statements as lines, with what is said of them."""
         lines: list[str] = []
         indent = "    " * depth
-        for k, node in enumerate(body):
-            said = self.laws.comment(node.lineno)
-            lines += [""] if k and lines[-1] and self.laws.has_gap(node.lineno) else []
-            lines += [indent + self.comment(one) for one in self.laws.above(node.lineno)]
+        for node in body:
             first, *rest = self._statement(node, depth)
-            beside = f"{indent}{first}  {self.comment(said)}" if said else indent + first
-            if said and len(beside) > WIDTH:
-                lines, beside = [*lines, indent + self.comment(said)], indent + first
-            lines += [*broken(beside, self.BREAKS), *rest]
+            *above, first = self._beside(indent + first, node.lineno, indent)
+            lines += [*above, *broken(first, self.BREAKS), *rest]
         return lines
 
     def _statement(self, node: ast.stmt, depth: int) -> list[str]:
@@ -152,16 +148,12 @@ class Printer:
             target, value = node.targets[0], node.value
             if isinstance(value, ast.Call) and ast.unparse(value.func) == "zeros":
                 return words["zeros"].format(say(target), int(ast.unparse(value.args[0])) - 1).splitlines()
-            return [words["="].format(self.target(say(target)), say(value))]
+            return [words["="].format(say(target), say(value))]
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
     def call(self, function: Function, given: list[ast.expr]) -> list[str]:
         """The call of a function that works on the state."""
         return [f"{self.functions[function.name]}({', '.join(['s', *map(self.say, given)])});"]
-
-    def target(self, name: str) -> str:
-        """What is stored."""
-        return name
 
     def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
         """Kinds of the intermediate values and the counters that some statements store, in their order."""
@@ -204,15 +196,3 @@ def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:
     if name in ("min", "max", "abs") and isinstance(node, ast.Call):
         return kind_of(node.args[0], kinds)
     return "whole" if name == "int" else kinds.get(name, "real")
-
-
-def _aligned(rows: list[tuple[str, str]], width: int = 116) -> list[str]:
-    """Code and what is said of it: below one another behind the code, or above it where a line is too short."""
-    column = max((len(code) for code, said in rows if said and "\n" not in code), default=0)
-    lines = []
-    for code, said in rows:
-        indent = code[: len(code) - len(code.lstrip())]
-        beside = f"{code:<{min(column, 56)}}  {said}"
-        fits = len(beside) <= width and "\n" not in code
-        lines += [beside] if said and fits else [*([indent + said] if said else []), code]
-    return lines

@@ -84,11 +84,6 @@ class Laws:
             found.insert(0, self._comments[line])
         return found
 
-    def has_gap(self, line: int) -> bool:
-        """Whether an empty line stands before a line and the comments above it."""
-        line -= len(self.above(line))
-        return line > 1 and not self.lines[line - 2].strip()
-
     def has_elif(self, node: ast.If) -> bool:
         """Whether what stands in the else of a condition is one ``elif``."""
         return len(node.orelse) == 1 and self.lines[node.orelse[0].lineno - 1].lstrip().startswith("elif")

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from fastcoil.deliver.export.formulas import KNOWN, Formulas
+from fastcoil.deliver.export.formulas import KNOWN, AgainError, Formulas
 from fastcoil.deliver.export.python import (
     commented,
     comments_of,
@@ -46,7 +46,6 @@ from fastcoil.deliver.export.values import (
     needed,
     read_in,
 )
-from fastcoil.deliver.export.variables import AgainError
 from fastcoil.model.estimators.interface import defaults_of, is_sample
 
 _MOST_ROUNDS = 50
