@@ -6,7 +6,7 @@ from helpers.loop_logs import loop_log
 
 from fastcoil.measured.cause import by_itself, cause_of
 from fastcoil.measured.diagnose import _doubted
-from fastcoil.measured.fitted_loop import fit_loop_model
+from fastcoil.measured.fitted_loop import FittedLoop, Outcome, fit_loop_model
 from fastcoil.measured.grid import Grid
 from fastcoil.measured.identify import CANDIDATES, Identification
 from fastcoil.measured.measures import measures_of
@@ -70,6 +70,32 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     middle = slice(shaken.size // 4, -shaken.size // 4)
     assert np.abs(quiet.disturbance - day.disturbance)[middle].max() < 0.3
     assert not quiet.noise.any()
+
+
+@pytest.mark.parametrize(
+    ("with_gap", "without", "cause", "says"),
+    [
+        (True, True, "tuning", "would hunt with a perfect valve"),
+        (True, False, "backlash", "would not hunt without it"),
+        (False, False, "disturbance", "would not hunt by itself"),
+        (None, False, "unknown", "a tenth of its gain"),
+    ],
+)
+def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypatch, with_gap, without, cause, says):
+    """None: it hunts with one of the three gains only."""
+    grid, measures = forced
+    values = grid.values
+    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
+    swing = measures.swing
+
+    def played(self, backlash, kp=1.0, *_):
+        hunts = without if backlash == 0.0 else kp == 1.0 if with_gap is None else with_gap
+        return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
+
+    monkeypatch.setattr(FittedLoop, "played", played)
+    said = cause_of(measures, loop._replace(margin=0.5), identified=True)
+    assert said.name == cause
+    assert says in said.because
 
 
 def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):

@@ -89,6 +89,14 @@ def test_a_coil_that_is_never_wet_says_so():
     assert_covered(fit, COIL_TRUTH)
 
 
+def test_a_heat_capacity_at_the_limit_of_stability_is_an_answer_and_no_prior():
+    """A coil of less water than a volume can hold at a step a second: C_w ends where γ = 1."""
+    fit = fc.fit_coil(coil_log(hours=1, seed=20, sd=0.1, substeps=2, C_w=5.0, every=5), split=1.0)
+    assert fit.held == {"C_w": "at the stability limit (γ = 1 at the largest flow)"}
+    largest = float(fit.residuals["m_w"].max())
+    assert fit.parameters["C_w"] == pytest.approx(largest * fc.Loop()["cp_w"], rel=1e-3)
+
+
 @pytest.mark.full
 def test_a_slow_log_holds_the_heat_capacity_of_the_water():
     """Samples at the end of holds, 20 min apart: little is seen of the dynamics."""

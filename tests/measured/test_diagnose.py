@@ -39,10 +39,13 @@ def test_the_backlash_of_a_log_is_identified_with_its_interval_and_profile(diagn
     assert float(diagnosis.profile.probability.idxmax()) == diagnosis.backlash
 
 
-def test_the_controller_is_found_again_and_the_predictions_say_what_the_gap_is_worth(diagnosis):
+def test_the_controller_is_found_again_and_the_predictions_say_what_the_gap_is_worth(diagnosis, log):
     assert float(diagnosis.indices.kp) == pytest.approx(0.02, rel=0.05)
     assert float(diagnosis.indices.ti) == pytest.approx(90.0, rel=0.05)
     assert diagnosis.indices.ti.attrs["units"] == "s"
+    assert float(diagnosis.indices.plant_gain) == pytest.approx(-20.0, rel=0.25)
+    strokes = 6 * np.abs(np.diff(log.command)).sum()  # of 4 h, a day; the motor keeps up with most of them
+    assert 0.8 * strokes < float(diagnosis.indices.motor_travel) < strokes
     rmse = diagnosis.predictions.rmse
     assert float(rmse.sel(case="no_gap")) < float(rmse.sel(case="half_gap")) < float(rmse.sel(case="as_found"))
 

@@ -83,6 +83,19 @@ def test_missing_temperatures_and_a_gap_cost_what_they_are(log):
     assert set(np.unique(fit.residuals.batch)) == {0, 1}
 
 
+def test_each_piece_is_shown_with_its_own_factor(log):
+    """A sensor that shows half of the changes after a gap."""
+    half = log.sizes["elapsed_time"] // 2
+    T = log.T_sup.values.copy()
+    T[half:] = 14.0 + 0.5 * (T[half:] - 14.0)
+    log = log.assign(T_sup=("elapsed_time", T, log.T_sup.attrs)).drop_isel(elapsed_time=range(half - 10, half))
+    fit = fc.fit_loop(log, MODEL, split=1.0)
+    ds = fit.residuals.where(fit.residuals.part == "fit")
+    slopes = [np.polyfit(*(one[n].dropna("elapsed_time") for n in ("modelled", "T_sup")), 1)[0]
+              for one in (ds.where(ds.batch == piece) for piece in (0, 1))]  # fmt: skip
+    assert slopes == pytest.approx([1.0, 1.0], abs=0.1)
+
+
 def test_nothing_is_claimed_of_a_coarse_log_of_a_command_that_moves():
     """The size comes out too small, as turns between samples are missed."""
     fit = fc.fit_loop(simulated(backlash=0.03, every=300, hours=8), MODEL)

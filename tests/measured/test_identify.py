@@ -195,6 +195,16 @@ def test_temperatures_that_stand_late_are_moved_back():
     assert found[:5] == same[:5]
 
 
+def test_what_may_not_be_used_is_left_out_of_both_columns_where_one_is_moved():
+    command, T, T_set = controlled(0.07, 2)
+    enabled = np.ones(T.size, bool)
+    enabled[700:800] = False
+    known = identify_backlash(command, T, INTERVAL, T_set, enabled=enabled)
+    assert known.late == 2 * INTERVAL
+    T[700:800] = 60.0
+    assert identify_backlash(command, T, INTERVAL, T_set, enabled=enabled)[:5] == known[:5]
+
+
 def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(monkeypatch):
     command, T, T_set = controlled(0.07, -2)
     found = identify_backlash(command, T, INTERVAL, T_set)

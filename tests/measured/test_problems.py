@@ -11,7 +11,7 @@ import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.measured.coil_problem import CoilProblem, record_of
-from fastcoil.measured.least_squares import FORBIDDEN, autocorrelation, evaluate
+from fastcoil.measured.least_squares import FORBIDDEN, Model, autocorrelation, evaluate, minimise, uncertainty
 from fastcoil.measured.part import Part
 from fastcoil.measured.valve_problem import ValveProblem
 from fastcoil.model.engine.recorded import valve_flows
@@ -82,6 +82,25 @@ def test_autocorrelation_of_an_ar_process_gives_its_effective_size():
     assert 1.0 + 2.0 * rho.sum() == pytest.approx((1 + phi) / (1 - phi), rel=0.15)
     white = autocorrelation(rng.normal(size=n), np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool))
     assert abs(white.sum()) < 0.1
+
+
+def test_errors_allow_for_residuals_that_follow_each_other():
+    """The scatter of a slope over 60 draws of AR(1) noise, not the fifth of it that white noise would give."""
+    n, x = 400, np.linspace(-1.0, 1.0, 400)
+    slopes, errors, plain = [], [], []
+    for seed in range(60):
+        y = noise(np.random.default_rng(seed), n, 1.0, 0.9)
+        model = Model(
+            lambda sets, y=y: np.outer(x, sets[0]) - y[:, None], np.array([-9.0]), np.array([9.0]), np.array([1e-3]),
+            np.zeros(n, dtype=np.int64), np.ones(n, dtype=bool),
+        )  # fmt: skip
+        best = minimise(model, np.zeros((1, 1)))
+        found = uncertainty(model, best)
+        slopes.append(best.x[0])
+        errors.append(np.sqrt(found.covariance[0, 0]))
+        plain.append(np.sqrt(found.covariance[0, 0] / found.inflation[0]))
+    assert np.mean(errors) == pytest.approx(np.std(slopes), rel=0.25)
+    assert np.mean(plain) < 0.35 * np.std(slopes)
 
 
 # ---------------------------------------------------------------------------------------------------------------- coil
