@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import is_datum, is_missing
 from fastcoil.logs.series import counted, is_unit
-from fastcoil.logs.timestamps import find_clock_columns, is_time, join_cells
+from fastcoil.logs.timestamps import is_clock, is_date, is_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,54 +39,6 @@ _LAST = 20  # rows at the end of a file among which a footer may be
 _LONGEST_UNIT = 24
 Numbered = list[tuple[int, list[str]]]
 """Rows that are not blank, with their numbers in the file."""
-
-
-class Layout(NamedTuple):
-    """The parts of a file.
-
-    header: number and cells of the row.  units: cells of the row of units below it; None if there is none.  rows: of
-    the data.  notes: what was left out.
-    """
-
-    separator: str
-    header: tuple[int, list[str]]
-    units: list[str] | None
-    rows: Numbered
-    notes: list[str]
-
-
-def read_layout(path: Path) -> Layout | None:
-    """The table in a file; None if the file is empty."""
-    text = read_text(path, "a CSV file", _LARGEST, utf_16=True)
-    try:
-        separator = _separator_of(text)
-        numbered = _numbered_rows(path, text, separator)
-    except csv.Error as error:
-        raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
-    if not numbered:
-        return None
-    notes: list[str] = []
-    if separator != ",":
-        notes.append(f"columns are separated by {_SEPARATORS[separator]}")
-    top = _header_index([row for _, row in numbered[:_SAMPLE]])
-    if top:
-        what = "row is" if top == 1 else "rows are"
-        notes.append(f"the first {top if top > 1 else ''} {what} no part of the table: {_first_words(numbered[:top])}"
-                     .replace("  ", " "))  # fmt: skip
-    header, data = numbered[top], numbered[top + 1 :]
-    units = None
-    if data and _is_unit_row(data[0][1]) and any(map(_is_filled_with_data, (row for _, row in data[1:3]))):
-        units = [cell.strip().strip("[]()").strip() for cell in data[0][1]]
-        notes.append(f"row {data[0][0]} has the units: {', '.join(filter(None, units))[:80]}")
-        data = data[1:]
-    width = _cut_trailing_separators(header[1], data)
-    n_footer = _footer_length(data, width)
-    if n_footer:
-        notes.append(f"row {data[-n_footer][0]} and what follows is no part of the table: "
-                     f"{_first_words(data[-n_footer:])}")  # fmt: skip
-        data = data[:-n_footer]
-    units = None if units is None else (units + [""] * width)[:width]
-    return Layout(separator, (header[0], header[1][:width]), units, data, notes)
 
 
 def _rows(text: str, separator: str) -> Iterator[list[str]]:
@@ -174,12 +126,16 @@ def _is_data(row: Sequence[str]) -> bool:
 
 def _is_unit_row(row: Sequence[str]) -> bool:
     """Whether a row has units: one at least that is known, and nothing long, no number and no time."""
-    cells = [cell.strip().strip("[]()").strip() for cell in row]
+    cells = [_bare_unit(cell) for cell in row]
     return (
         all(len(cell) <= _LONGEST_UNIT for cell in cells)
         and any(map(is_unit, cells))
         and not any(cell != "1" and (is_datum(cell) or is_time(cell)) for cell in cells[:_MOST_LOOKED_AT])
     )
+
+
+def _bare_unit(cell: str) -> str:
+    return cell.strip().strip("[]()").strip()
 
 
 def _cut_trailing_separators(header: list[str], data: Numbered) -> int:
@@ -219,6 +175,8 @@ def _first_words(rows: Numbered) -> str:
     return shown(next((cell.strip() for _, row in rows for cell in row if cell.strip()), ""))
 
 
+_DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
+_ROWS_WITH_CLOCK = 3  # rows that are looked at
 STATUS = ("status", "quality")
 """Headers of columns that say which values of a row count."""
 _LONGEST_HEADER = 200  # longest header in which a unit without brackets is looked for, letters
@@ -279,11 +237,31 @@ class Table:
     def read(cls, path: str | Path) -> Table:
         """Read a CSV file of at least two rows; blank lines are skipped."""
         path = Path(path)
-        layout = read_layout(path)
-        if layout is None:
+        text = read_text(path, "a CSV file", _LARGEST, utf_16=True)
+        try:
+            separator = _separator_of(text)
+            rows = _numbered_rows(path, text, separator)
+        except csv.Error as error:
+            raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
+        if not rows:
             raise InputError(f"{path} is empty: give a header row and at least two rows of data")
-        first, header, data = layout.header[0], [cell.strip() for cell in layout.header[1]], layout.rows
-        if len(header) == 1 and re.search("[;\t]", header[0]):
+        notes = [] if separator == "," else [f"columns are separated by {_SEPARATORS[separator]}"]
+        top = _header_index([row for _, row in rows[:_SAMPLE]])
+        if top:
+            what = "the first row is" if top == 1 else f"the first {top} rows are"
+            notes.append(f"{what} no part of the table: {_first_words(rows[:top])}")
+        (first, header), data = rows[top], rows[top + 1 :]
+        units = None
+        if data and _is_unit_row(data[0][1]) and any(_is_filled_with_data(row) for _, row in data[1:3]):
+            number, cells = data.pop(0)
+            units = [_bare_unit(cell) for cell in cells]
+            notes.append(f"row {number} has the units: {', '.join(filter(None, units))[:80]}")
+        width = _cut_trailing_separators(header, data)
+        if n_footer := _footer_length(data, width):
+            footer, data = data[-n_footer:], data[:-n_footer]
+            notes.append(f"row {footer[0][0]} and what follows is no part of the table: {_first_words(footer)}")
+        header = [cell.strip() for cell in header[:width]]
+        if width == 1 and re.search("[;\t]", header[0]):
             raise InputError(
                 f"{path} separates its header by ';' or tabs, and its rows otherwise: use commas in both, and points "
                 "for decimals"
@@ -291,15 +269,8 @@ class Table:
         if len(data) < 2:
             have = "one row of data" if data else "a header but no data"
             raise InputError(f"{path} has {have}: give at least two rows, so that the step is known")
-        table = cls(
-            path.name,
-            header,
-            [row for _, row in data],
-            [i for i, _ in data],
-            units=layout.units,
-            separator=layout.separator,
-            notes=layout.notes,
-        )
+        table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)
+        table.units = None if units is None else (units + [""] * width)[:width]
         table._check_header(first)
         table._check_widths()
         table.stop_if_wrong()
@@ -331,19 +302,25 @@ class Table:
 
     def _join_clock(self) -> None:
         """Make a column timestamp of a date and a time of day in separate columns."""
-        labels = [label_and_unit(cell)[0] for cell in self.header]
-        found = find_clock_columns(self.header, self.rows)
-        if found is None or "timestamp" in labels or "elapsed_time" in labels:
+        columns = [
+            [k for k, cell in enumerate(self.header) if cell.strip().lower() in names] for names in _DATE_AND_CLOCK
+        ]
+        labels = {label_and_unit(cell)[0] for cell in self.header}
+        if [len(one) for one in columns] != [1, 1] or labels & {"timestamp", "elapsed_time"}:
             return
-        date, clock = (self.header[column] for column in found)
+        (date,), (clock,) = columns
+        first = self.rows[:_ROWS_WITH_CLOCK]
+        if not all(is_date(row[date]) and is_clock(row[clock]) for row in first):
+            return
+        names = self.header[date], self.header[clock]
         for row in self.rows:
-            row[found.date] = join_cells(row, found)
-        self.header[found.date] = "timestamp"
+            both = row[date].strip(), row[clock].strip()
+            row[date] = " ".join(both) if all(both) else ""
+        self.header[date] = "timestamp"
         for row in filter(None, (self.header, self.units, *self.rows)):
-            del row[found.clock]
-        at = self.header.index("timestamp")
-        self.joined = {date: at, clock: at}
-        self.notes.append(f"{date} and {clock} are read as one timestamp")
+            del row[clock]
+        self.joined = dict.fromkeys(names, self.header.index("timestamp"))
+        self.notes.append(f"{names[0]} and {names[1]} are read as one timestamp")
 
     def stop_if_wrong(self) -> None:
         """Raise all problems found so far, if any, as one `InputError`."""

@@ -8,12 +8,12 @@ time of day may have a column each.
 from __future__ import annotations
 
 import re
+import zoneinfo
 from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastcoil.base.arguments import text_of
 from fastcoil.base.arrays import Array, Index, Mask
@@ -22,54 +22,265 @@ from fastcoil.logs.series import counted
 
 MOST_LETTERS = 64
 """Of a cell that can be a time or a number."""
-_MONTHS = (
-    "january", "february", "march", "april", "may", "june",
-    "july", "august", "september", "october", "november", "december",
-)  # fmt: skip
+MICROSECONDS = np.dtype("datetime64[us]")
+_SECOND, _MINUTE, _DAY = 1_000_000, 60_000_000, 86_400_000_000  # µs
+SERIAL, EPOCH = "excel", "epoch"
+"""Formats that are numbers."""
+_DAYS = (20_000.0, 80_000.0)  # serial days of a spreadsheet from 1954 to 2119; 25,569 is 1970-01-01
+_SERIAL_OF_1970 = 25_569
+_SECONDS = (1e8, 1e10)  # epoch seconds from 1973 to 2286; milliseconds are a thousand times as many
+_EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
+_LONGEST_FORMAT = 100
+
+
+class Stamps(NamedTuple):
+    """The times of a column.
+
+    microseconds: since 1970-01-01, of UTC where ``absolute``, else of the clock that wrote them, (n,).  good: where a
+    cell holds a time.  wrong: what the others are not, and the cure.  notes: how the column was read.  time_zone: of
+    the clock that wrote them, such as ``UTC-07:00`` or ``America/New_York``, ``UTC`` where the offset changes; of times
+    that are not absolute the name beside them, such as ``CST``, or blank.  offset: by which that clock is ahead [µs].
+    """
+
+    microseconds: Index
+    good: Mask
+    absolute: bool
+    wrong: str
+    notes: list[str]
+    time_zone: str = ""
+    offset: int = 0
+
+    def first(self) -> tuple[np.datetime64, str]:
+        """The first time, to the second, on the clock that wrote it; its time zone, blank if unknown."""
+        there = self.microseconds[np.argmax(self.good)] + self.offset
+        return np.datetime64(int(there + _SECOND // 2) // _SECOND, "s"), self.time_zone if self.absolute else ""
+
+
+def offset_text(minutes: int) -> str:
+    """An offset from UTC as the name of a time zone: ``UTC-08:00``."""
+    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
+
+
+def time_format_of(name: str, value: Any) -> str:
+    """A format of times: a pattern as of strftime, ``excel`` or ``epoch``."""
+    text = text_of(name, value)
+    if text.strip().lower() in (SERIAL, EPOCH):
+        return text.strip().lower()
+    try:
+        usable = "%" in text and len(text) <= _LONGEST_FORMAT
+        usable = usable and datetime.strptime(_EXAMPLE.strftime(text), text).year > 0
+    except Exception:  # patterns fail in many ways, not all of them documented
+        usable = False
+    if not usable:
+        raise InputError(f"{name} = {shown(text)}: give a pattern such as '%d/%m/%Y %H:%M', or {SERIAL} or {EPOCH}")
+    return text
+
+
+def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Stamps:
+    """The times of the cells of a column.
+
+    Parameters
+    ----------
+    cells, row_numbers
+        Its cells, and their rows in the file.
+    time_format
+        As checked by ``time_format_of``; if None, the format is recognised.
+    cure
+        How to give a format, with ``{format}`` in it, for messages.
+    """
+    if time_format in (SERIAL, EPOCH):
+        numbers = np.array([_number(cell) for cell in cells])
+        return _serial(numbers, "") if time_format == SERIAL else _epoch(numbers, "")
+    if time_format is not None:
+        times = [_by_pattern(cell, time_format) for cell in cells]
+        return _of_datetimes(times, row_numbers, f"is not as {time_format!r} says: mend it or time_format")
+    times = [timestamp_of(cell) for cell in cells]
+    n_iso = sum(time is not None for time in times)
+    how_to_say = cure.format(format="%d/%m/%Y %H:%M")
+    iso = f"is not ISO 8601: write it as 2024-07-01T08:00:00, or say how to read it: {how_to_say}"
+    if 2 * n_iso >= len(times):
+        return _of_datetimes(times, row_numbers, iso)
+    numbers = np.array([_number(cell) for cell in cells])
+    for (low, high), read in ((_DAYS, _serial), (_SECONDS, _epoch), ((1e3 * _SECONDS[0], 1e3 * _SECONDS[1]), _epoch)):
+        with np.errstate(invalid="ignore"):
+            fits = (numbers >= low) & (numbers <= high)
+        if 2 * fits.sum() > numbers.size:
+            return read(numbers, cells[int(np.argmax(fits))].strip())
+    parts = [parts_of(cell) for cell in cells]
+    n_parts = sum(one is not None for one in parts)
+    if 2 * n_parts < len(parts) or n_parts < n_iso:
+        return _of_datetimes(times, row_numbers, iso)
+    return _of_parts(parts, row_numbers, f"is not as the others: mend it, or say how to read them: {how_to_say}", cure)
+
+
+def timestamp_of(cell: str) -> datetime | None:
+    """The time in a cell (ISO 8601), or None."""
+    try:
+        return datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return None
+
+
+def is_time(cell: str) -> bool:
+    """Whether a cell holds a date, with or without a time, in a writing that is recognised."""
+    return timestamp_of(cell) is not None or parts_of(cell) is not None
+
+
+_CLOCK = re.compile(r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?\s*(?:[AaPp]\.?[Mm]\.?)?(?:\s?[A-Za-z+:\d-]{1,9})?")
+
+
+def is_date(cell: str) -> bool:
+    """Whether a cell holds a date without a time of day."""
+    return is_time(cell) and ":" not in cell
+
+
+def is_clock(cell: str) -> bool:
+    """Whether a cell holds a time of day without a date."""
+    return _CLOCK.fullmatch(cell.strip()) is not None
+
+
+def _by_pattern(cell: str, pattern: str) -> datetime | None:
+    try:
+        return datetime.strptime(cell.strip(), pattern) if len(cell) <= 2 * MOST_LETTERS else None
+    except (ValueError, OverflowError, re.error):
+        return None
+
+
+# ------------------------------------------------------------------------------------------------- numbers as times
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell.replace(",", ".")) if len(cell) <= MOST_LETTERS else np.nan
+    except ValueError:
+        return np.nan
+
+
+def _serial(numbers: Array, example: str) -> Stamps:
+    """Serial days of a spreadsheet, to the second: their decimals have round-off."""
+    with np.errstate(invalid="ignore"):
+        good = (numbers >= _DAYS[0]) & (numbers <= _DAYS[1])
+    seconds = np.rint(86400.0 * (np.where(good, numbers, _SERIAL_OF_1970) - _SERIAL_OF_1970)).astype(np.int64)
+    wrong = f"is no serial day of a spreadsheet: these are from {_DAYS[0]:g} to {_DAYS[1]:g}"
+    return Stamps(_SECOND * seconds, good, False, wrong, _read_as("serial days of a spreadsheet", example, seconds))
+
+
+def _epoch(numbers: Array, example: str) -> Stamps:
+    """Seconds or milliseconds since 1970-01-01 in UTC."""
+    finite = numbers[np.isfinite(numbers)]
+    thousandths = bool(finite.size) and float(np.median(finite)) > _SECONDS[1]
+    scale = 1e3 if thousandths else 1.0
+    with np.errstate(invalid="ignore"):
+        good = (numbers >= scale * _SECONDS[0]) & (numbers <= scale * _SECONDS[1])
+    microseconds = np.rint(np.where(good, numbers, 0.0) * (1e6 / scale)).astype(np.int64)
+    what = f"{'milliseconds' if thousandths else 'seconds'} since 1970 (UTC)"
+    notes = _read_as(what, example, microseconds // _SECOND)
+    return Stamps(microseconds, good, True, f"is not {what}", notes, "UTC")
+
+
+def _read_as(what: str, example: str, seconds: Index) -> list[str]:
+    if not example:
+        return []
+    first = np.datetime_as_string((_SECOND * seconds[:1]).astype(MICROSECONDS), unit="s")[0]
+    return [f"timestamp read as {what}: {shown(example)} is {first}"]
+
+
+# ------------------------------------------------------------------------------------------------- clocks and zones
+
+_NAMED = {
+    "utc": 0, "gmt": 0, "wet": 0, "west": 1, "bst": 1, "cet": 1, "cest": 2, "mez": 1, "mesz": 2, "eet": 2, "eest": 3,
+    "nst": -3.5, "ndt": -2.5, "ast": -4, "adt": -3, "est": -5, "edt": -4, "cst": -6, "cdt": -5, "mst": -7, "mdt": -6,
+    "pst": -8, "pdt": -7, "akst": -9, "akdt": -8, "hst": -10, "awst": 8, "acst": 9.5, "acdt": 10.5, "aest": 10,
+    "aedt": 11, "nzst": 12, "nzdt": 13, "jst": 9,
+}  # fmt: skip
+"""Hours by which the clocks of named zones are ahead of UTC."""
+_OF_SEVERAL_PLACES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
+"""Names that other continents use as well, unless the name on the right is in the log too."""
+
+
+def in_zone(stamps: Stamps, time_zone: str) -> Stamps:
+    """Times of a local clock as absolute ones, given the name of its zone."""
+    zone = zoneinfo.ZoneInfo(time_zone)
+    there = [time.replace(tzinfo=zone) for time in stamps.microseconds.astype(MICROSECONDS).tolist()]
+    offsets = np.array([(time.utcoffset() or timedelta()) // timedelta(microseconds=1) for time in there])
+    offset = int(offsets[np.argmax(stamps.good)])
+    return stamps._replace(
+        microseconds=stamps.microseconds - offsets, absolute=True, time_zone=time_zone, offset=offset
+    )
+
+
+def _of_datetimes(times: Sequence[datetime | None], row_numbers: Sequence[int], wrong: str) -> Stamps:
+    good = np.array([time is not None for time in times])
+    local = np.array([(time or _EXAMPLE).replace(tzinfo=None) for time in times], dtype=MICROSECONDS).astype(np.int64)
+    since_utc = [time.utcoffset() if time else None for time in times]
+    offsets = [None if one is None else one // timedelta(microseconds=1) for one in since_utc]
+    return _on_clock(local, good, offsets, [""] * len(times), row_numbers, wrong, [])
+
+
+def _on_clock(
+    local: Index, good: Mask, offsets: list[int | None], zones: list[str], row_numbers: Sequence[int],
+    wrong: str, notes: list[str],
+) -> Stamps:  # fmt: skip
+    """Times by the clock that wrote them, absolute if each has an offset [µs] or the name of a zone that is known."""
+    known = np.flatnonzero(good).tolist()
+    names = {zones[k] for k in known} - {""}
+    unclear = {name for name, other in _OF_SEVERAL_PLACES.items() if other not in names}
+    for name in names - unclear:
+        named = round(60 * _MINUTE * _NAMED[name]) if name in _NAMED else None
+        offsets = [named if zones[k] == name else offset for k, offset in enumerate(offsets)]
+    clocks = [(zones[k] if offsets[k] is None else "absolute") for k in known]
+    unlike = next((k for k, clock in zip(known, clocks, strict=True) if clock != clocks[0]), None)
+    if unlike is not None:
+        raise InputError(
+            f"timestamp in row {row_numbers[unlike]} has another time zone than the first, or one of them has none: "
+            "write one time zone, with or without UTC offset"
+        )
+    if not known or offsets[known[0]] is None:
+        name = clocks[0].upper() if known else ""
+        if name:
+            notes.append(f"timestamp is in {name} throughout: its times are read as they stand")
+        return Stamps(local, good, False, wrong, notes, name)
+    ahead = np.array([offset or 0 for offset in offsets], dtype=np.int64)
+    first = int(ahead[known[0]])
+    changed = next((k for k in known if ahead[k] != first), None)
+    if names:
+        notes.append(f"timestamp is in {' and '.join(sorted(name.upper() for name in names))}: read by UTC offset")
+    if changed is None:
+        return Stamps(local - first, good, True, wrong, notes, offset_text(first // _MINUTE), first)
+    if not names:
+        notes.append(f"timestamp has another UTC offset from row {row_numbers[changed]} on: read in UTC")
+    return Stamps(local - ahead, good, True, wrong, notes, "UTC")
+
+
+# ---------------------------------------------------------------------------------------------------- national forms
+
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _WRITTEN = re.compile(
     r"\s*(?:(?i:mon|tue|wed|thu|fri|sat|sun)[a-z]{0,6},?\s+)?"
     r"(?P<a>\d{1,4}|[A-Za-z]{3,9})(?P<mark>[-./ ])(?P<b>\d{1,2}|[A-Za-z]{3,9}),?(?P=mark)(?P<c>\d{1,4})"
     r"(?:[T,\s]\s*(?P<h>\d{1,2}):(?P<min>\d{2})(?::(?P<s>\d{2})(?:[.,](?P<part>\d{1,9}))?)?"
     r"\s*(?:(?P<half>[AaPp])\.?[Mm]\.?(?![A-Za-z]))?"
-    r"\s*\(?(?:Z|(?:UTC|GMT)?(?P<offset>[+-]\d{2}:?\d{2}|[+-]\d{1,2}))?\s*[\[]?(?P<zone>[A-Za-z_/]{1,32})?[)\]]?)?\s*"
+    r"\s*\(?(?:(?P<utc>Z)|(?:UTC|GMT)?(?P<offset>[+-]\d{2}:?\d{2}|[+-]\d{1,2}))?"
+    r"\s*[\[]?(?P<zone>[A-Za-z_/]{1,32})?[)\]]?)?\s*",
+    re.ASCII,
 )
-_DAYLIGHT = {
-    "pdt": "pst", "mdt": "mst", "cdt": "cst", "edt": "est", "akdt": "akst", "adt": "ast", "ndt": "nst",
-    "cest": "cet", "mesz": "mez", "eest": "eet", "west": "wet", "bst": "gmt", "aedt": "aest", "acdt": "acst",
-    "nzdt": "nzst",
-}  # fmt: skip
-"""Zones an hour ahead of the one that the same place has in winter."""
 _UNEVEN = 5.0  # the order of day and month that makes a log this much longer than the other one, and uneven, is wrong
-_SECOND = 1_000_000
-MICROSECONDS = np.dtype("datetime64[us]")
 
 
 class Parts(NamedTuple):
     """A time as it is written, before the order of day and month is known.
 
-    a, b, c: the three numbers of the date.  month: index of the one that is a name, -1 if none is.  half: 0 AM, 1 PM,
-    -1 neither.  offset: from UTC in minutes; None if there is none.
+    date: its three numbers.  month: index of the one that is a name, -1 if none is.  clock: time of day [µs].  half:
+    whether AM or PM is written.  offset: from UTC [µs]; None if there is none.  mark: between the numbers.
     """
 
-    a: int
-    b: int
-    c: int
+    date: tuple[int, int, int]
     month: int
     clock: int
-    half: int
-    hour: int
+    half: bool
     offset: int | None
     zone: str
-    dotted: bool
-    year_first: bool
-
-
-class Dates(NamedTuple):
-    """Times of the rows since 1970, µs, (n,); ``good`` where a cell holds one; how they were read."""
-
-    microseconds: Index
-    good: Mask
-    notes: list[str]
+    mark: str
 
 
 def parts_of(cell: str) -> Parts | None:
@@ -77,75 +288,52 @@ def parts_of(cell: str) -> Parts | None:
     found = _WRITTEN.fullmatch(cell) if len(cell) <= MOST_LETTERS else None
     if found is None:
         return None
-    numbers, month = [], -1
-    for k, text in enumerate(found.group("a", "b", "c")):
-        if text.isdigit():
-            numbers.append(int(text))
-        elif month >= 0 or not (named := [n for n, name in enumerate(_MONTHS, 1) if name.startswith(text.lower())]):
-            return None
-        else:
-            numbers.append(named[0])
-            month = k
+    words = found.group("a", "b", "c")
+    named = [k for k, text in enumerate(words) if not text.isdigit()]
+    if len(named) > 1 or any(words[k][:3].lower() not in _MONTHS for k in named):
+        return None
+    a, b, c = (1 + _MONTHS.index(text[:3].lower()) if k in named else int(text) for k, text in enumerate(words))
     hour, minute, second = (int(found[name] or 0) for name in ("h", "min", "s"))
-    if minute > 59 or second > 59 or hour > 24:
+    if minute > 59 or second > 59 or hour > 24 or (found["half"] and not 1 <= hour <= 12):
         return None
+    if found["half"]:
+        hour = hour % 12 + 12 * (found["half"] in "Pp")
     part = int((found["part"] or "0")[:6].ljust(6, "0"))
-    half = -1 if found["half"] is None else int(found["half"] in "Pp")
-    if half >= 0 and not 1 <= hour <= 12:
-        return None
-    return Parts(
-        a=numbers[0],
-        b=numbers[1],
-        c=numbers[2],
-        month=month,
-        clock=(60 * minute + second) * _SECOND + part,
-        half=half,
-        hour=hour if half < 0 else hour % 12 + 12 * half,
-        offset=_offset(found["offset"]) if found["offset"] else 0 if _is_utc(cell, found["zone"]) else None,
-        zone="" if found["offset"] else (found["zone"] or "").lower(),
-        dotted=found["mark"] == ".",
-        year_first=len(found["a"]) == 4 and month != 0,
-    )
-
-
-def _is_utc(cell: str, zone: str | None) -> bool:
-    return zone is None and cell.rstrip().endswith("Z")
+    clock = (3600 * hour + 60 * minute + second) * _SECOND + part
+    offset = _offset(found["offset"]) if found["offset"] else 0 if found["utc"] else None
+    zone = "" if found["offset"] else (found["zone"] or "").lower()
+    return Parts((a, b, c), named[0] if named else -1, clock, bool(found["half"]), offset, zone, found["mark"])
 
 
 def _offset(text: str) -> int:
     sign, digits = (-1 if text[0] == "-" else 1), text[1:].replace(":", "")
-    return sign * (60 * int(digits[:2]) + int(digits[2:] or 0))
+    return sign * (60 * int(digits[:2]) + int(digits[2:] or 0)) * _MINUTE
 
 
-def read_dates(parts: list[Parts | None], row_numbers: list[int], cure: str) -> Dates:
-    """The times of a column of ``parts``; None is a cell that is no time.
-
-    cure: how to give the format, for messages.
-    """
+def _of_parts(parts: Sequence[Parts | None], row_numbers: Sequence[int], wrong: str, cure: str) -> Stamps:
+    """The times of a column of ``parts``; None is a cell that is no time.  cure: as of `read_stamps`."""
     good = np.array([one is not None for one in parts])
     some = [one for one in parts if one is not None]
     rows = [number for number, is_good in zip(row_numbers, good, strict=True) if is_good]
     notes: list[str] = []
-    a, b, c = (np.array([one[k] for one in some], dtype=np.int64) for k in range(3))
-    clock = np.array([3600 * _SECOND * one.hour + one.clock for one in some], dtype=np.int64)
-    late = _zones(some, rows, notes)
-    halves = np.array([one.half >= 0 for one in some])
-    complete = halves | ~halves.any()  # a time without AM or PM among others is none
+    a, b, c = np.array([one.date for one in some], dtype=np.int64).T
+    clock = np.array([one.clock for one in some], dtype=np.int64)
+    halves = np.array([one.half for one in some])
     named = {one.month for one in some}
-    if all(one.year_first for one in some):
+    if (a > 999).all():
         day, valid = _days(a, b, c)
     elif named == {0}:
         day, valid = _days(c, a, b)
     elif named == {1}:
         day, valid = _days(c, b, a)
     else:
-        first = _day_is_first(a, b, c, clock, rows, all(one.dotted for one in some), cure, notes)
+        first = _day_is_first(a, b, c, clock, rows, all(one.mark == "." for one in some), cure, notes)
         day, valid = _days(c, b, a) if first else _days(c, a, b)
-    valid &= complete
-    microseconds = np.zeros(len(parts), dtype=np.int64)
-    microseconds[good] = np.where(valid, 86400 * _SECOND * day + clock - late, 0)
-    good[good] = valid
-    return Dates(microseconds, good, notes)
+    local = np.zeros(len(parts), dtype=np.int64)
+    local[good] = _DAY * day + clock
+    good[good] = valid & (halves | ~halves.any())  # a time without AM or PM among others is none
+    offsets, zones = [one and one.offset for one in parts], [one.zone if one else "" for one in parts]
+    return _on_clock(local, good, offsets, zones, row_numbers, wrong, notes)
 
 
 def _days(year: Index, month: Index, day: Index) -> tuple[Index, Mask]:
@@ -158,7 +346,7 @@ def _days(year: Index, month: Index, day: Index) -> tuple[Index, Mask]:
 
 
 def _day_is_first(
-    a: Index, b: Index, c: Index, clock: Index, rows: list[int], dotted: bool, cure: str, notes: list[str]
+    a: Index, b: Index, c: Index, clock: Index, rows: Sequence[int], dotted: bool, cure: str, notes: list[str]
 ) -> bool:
     """Whether the day is written before the month: from numbers above 12, or from the order in which time goes on."""
     large_a, large_b = a > 12, b > 12
@@ -176,7 +364,7 @@ def _day_is_first(
     if dotted:
         notes.append(f"timestamp read as {_words(True, True)}, the order that goes with points")
         return True
-    ways = [86400 * _SECOND * _days(c, *order)[0] + clock for order in ((b, a), (a, b))]
+    ways = [_DAY * _days(c, *order)[0] + clock for order in ((b, a), (a, b))]
     if np.ptp(ways[0] - ways[1]) == 0:
         notes.append("timestamp: the order of day and month cannot be told, and makes no difference within this log")
         return True
@@ -201,238 +389,3 @@ def _length_and_unevenness(times: Index) -> tuple[float, bool]:
     steps = np.abs(np.diff(times)).astype(np.float64)
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     return float(steps.sum()), bool(steps.size and steps.max() > _UNEVEN * usual)
-
-
-def _zones(some: list[Parts], rows: list[int], notes: list[str]) -> NDArray[np.int64]:
-    """How much later than the first zone the clock of each time shows, µs; mixed zones are refused."""
-    with_offset = [one.offset is not None for one in some]
-    zones = dict.fromkeys(one.zone for one in some)
-    if any(with_offset) and not all(with_offset):
-        k = with_offset.index(not with_offset[0])
-        raise InputError(
-            f"timestamp in row {rows[k]} has {'a' if with_offset[k] else 'no'} UTC offset, unlike the first: "
-            "write one time zone"
-        )
-    if all(with_offset):
-        return np.array([60 * (one.offset or 0) * _SECOND for one in some], dtype=np.int64)
-    if set(zones) == {""}:
-        return np.zeros(len(some), dtype=np.int64)
-    if "" in zones:
-        k = next(i for i, one in enumerate(some) if bool(one.zone) != bool(some[0].zone))
-        raise InputError(f"timestamp names a time zone in some rows only, first unlike in row {rows[k]}: write one")
-    winter = {_DAYLIGHT.get(zone, zone) for zone in zones}
-    shown_zones = " and ".join(zone.upper() for zone in list(zones)[:2])
-    if len(zones) == 1:
-        notes.append(f"timestamp is in {shown_zones} throughout: its times are read as they stand")
-    elif len(zones) == 2 and len(winter) == 1:
-        notes.append(f"timestamp is in {shown_zones}: read as one time, an hour apart")
-    else:
-        raise InputError(f"timestamp has the time zones {shown(', '.join(map(str.upper, zones)))}: write one")
-    return np.array([3600 * _SECOND * (len(zones) == 2 and one.zone in _DAYLIGHT) for one in some], dtype=np.int64)
-
-
-SERIAL, EPOCH = "excel", "epoch"
-"""Formats that are numbers."""
-_EPOCH = datetime(1970, 1, 1)
-_UTC = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND = timedelta(microseconds=1)
-_DAYS = (20_000.0, 80_000.0)  # serial days of a spreadsheet from 1954 to 2119; 25,569 is 1970-01-01
-_SERIAL_OF_1970 = 25_569
-_SECONDS = (1e8, 1e10)  # epoch seconds from 1973 to 2286; milliseconds are a thousand times as many
-_EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
-_LONGEST_FORMAT = 100
-
-
-class Stamps(NamedTuple):
-    """The times of a column.
-
-    microseconds: since 1970-01-01, of UTC where ``absolute``, else of the clock that wrote them, (n,).  good: where a
-    cell holds a time.  wrong: what the others are not, and the cure.  notes: how the column was read.  offset: minutes
-    by which the clock that wrote them is ahead of UTC, if ``absolute``; 0 where there are several.
-    """
-
-    microseconds: Index
-    good: Mask
-    absolute: bool
-    wrong: str
-    notes: list[str]
-    offset: int = 0
-
-    def first(self) -> tuple[np.datetime64, str]:
-        """The first time, to the second, on the clock that wrote it; its time zone, blank if unknown."""
-        there = self.microseconds[np.argmax(self.good)] + self.absolute * 60_000_000 * self.offset
-        zone = offset_text(self.offset) if self.absolute else ""
-        return np.datetime64(int(there + 500_000) // 1_000_000, "s"), zone
-
-
-def offset_text(minutes: int) -> str:
-    """An offset from UTC as the name of a time zone: ``UTC-08:00``."""
-    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
-
-
-def time_format_of(name: str, value: Any) -> str:
-    """A format of times: a pattern as of strftime, ``excel`` or ``epoch``."""
-    text = text_of(name, value)
-    cure = f"give a pattern such as '%d/%m/%Y %H:%M', or {SERIAL} or {EPOCH}"
-    if text.strip().lower() in (SERIAL, EPOCH):
-        return text.strip().lower()
-    try:
-        usable = "%" in text and len(text) <= _LONGEST_FORMAT
-        usable = usable and datetime.strptime(_EXAMPLE.strftime(text), text).year > 0
-    except Exception:  # patterns fail in many ways, not all of them documented
-        usable = False
-    if not usable:
-        raise InputError(f"{name} = {shown(text)}: {cure}")
-    return text
-
-
-def read_stamps(cells: Sequence[str], row_numbers: list[int], time_format: str | None, cure: str) -> Stamps:
-    """The times of the cells of a column.
-
-    Parameters
-    ----------
-    cells, row_numbers
-        Its cells, and their rows in the file.
-    time_format
-        As checked by ``time_format_of``; if None, the format is recognised.
-    cure
-        How to give a format, with ``{format}`` in it, for messages.
-    """
-    if time_format in (SERIAL, EPOCH):
-        numbers = np.array([_number(cell) for cell in cells])
-        return _serial(numbers, "") if time_format == SERIAL else _epoch(numbers, "")
-    if time_format is not None:
-        times = [_by_pattern(cell, time_format) for cell in cells]
-        return _of_datetimes(times, row_numbers, f"is not as {time_format!r} says: mend it or time_format")
-    times = [timestamp_of(cell) for cell in cells]
-    n_iso = sum(time is not None for time in times)
-    iso = "is not ISO 8601: write it as 2024-07-01T08:00:00, or say how to read it: "
-    iso += cure.format(format="%d/%m/%Y %H:%M")
-    if 2 * n_iso >= len(times):
-        return _of_datetimes(times, row_numbers, iso)
-    numbers = np.array([_number(cell) for cell in cells])
-    for (low, high), read in ((_DAYS, _serial), (_SECONDS, _epoch), ((1e3 * _SECONDS[0], 1e3 * _SECONDS[1]), _epoch)):
-        with np.errstate(invalid="ignore"):
-            if 2 * ((numbers >= low) & (numbers <= high)).sum() > numbers.size:
-                return read(numbers, cells[int(np.argmax((numbers >= low) & (numbers <= high)))].strip())
-    parts: list[Parts | None] = [parts_of(cell) for cell in cells]
-    n_parts = sum(one is not None for one in parts)
-    if 2 * n_parts < len(parts) or n_parts < n_iso:
-        return _of_datetimes(times, row_numbers, iso)
-    dates = read_dates(parts, row_numbers, cure)
-    absolute = any(one is not None and one.offset is not None for one in parts)
-    wrong = f"is not as the others: mend it, or say how to read them: {cure.format(format='%d/%m/%Y %H:%M')}"
-    offsets = {one.offset or 0 for one in parts if one is not None}
-    offset = offsets.pop() if len(offsets) == 1 else 0
-    return Stamps(dates.microseconds, dates.good, absolute, wrong, dates.notes, offset)
-
-
-def timestamp_of(cell: str) -> datetime | None:
-    """The time in a cell (ISO 8601), or None."""
-    try:
-        return datetime.fromisoformat(cell.strip())
-    except ValueError:
-        return None
-
-
-def is_time(cell: str) -> bool:
-    """Whether a cell holds a date, with or without a time, in a writing that is recognised."""
-    return timestamp_of(cell) is not None or parts_of(cell) is not None
-
-
-def _of_datetimes(times: list[datetime | None], row_numbers: list[int], wrong: str) -> Stamps:
-    """Times that all have a UTC offset, or none has one; different offsets are different clocks of one time."""
-    good = np.array([time is not None for time in times])
-    if not any(time is not None and time.tzinfo for time in times):
-        on_clock = np.array([time or _EPOCH for time in times], dtype=MICROSECONDS)
-        return Stamps(on_clock.astype(np.int64), good, False, wrong, [])
-    offsets = [None if time is None else time.utcoffset() for time in times]
-    known = [k for k, time in enumerate(times) if time is not None]
-    notes: list[str] = []
-    for k in known:
-        if (offsets[k] is None) != (offsets[known[0]] is None):
-            raise InputError(
-                f"timestamp in row {row_numbers[k]} has another UTC offset than the first: write one time zone, "
-                "with or without offset"
-            )
-        if not notes and offsets[k] != offsets[known[0]]:
-            notes.append(f"timestamp has another UTC offset from row {row_numbers[k]} on: read in UTC")
-    since = [0 if time is None else (time - _UTC) // _MICROSECOND for time in times]
-    one_clock = offsets[known[0]] if not notes else None
-    minutes = 0 if one_clock is None else round(one_clock.total_seconds() / 60)
-    return Stamps(np.array(since, dtype=np.int64), good, True, wrong, notes, minutes)
-
-
-def _serial(numbers: Array, example: str) -> Stamps:
-    """Serial days of a spreadsheet, to the second: their decimals have round-off."""
-    with np.errstate(invalid="ignore"):
-        good = (numbers >= _DAYS[0]) & (numbers <= _DAYS[1])
-    seconds = np.rint(86400.0 * (np.where(good, numbers, _SERIAL_OF_1970) - _SERIAL_OF_1970)).astype(np.int64)
-    wrong = f"is no serial day of a spreadsheet: these are from {_DAYS[0]:g} to {_DAYS[1]:g}"
-    return Stamps(1_000_000 * seconds, good, False, wrong, _read_as("serial days of a spreadsheet", example, seconds))
-
-
-def _epoch(numbers: Array, example: str) -> Stamps:
-    """Seconds or milliseconds since 1970-01-01 in UTC."""
-    finite = numbers[np.isfinite(numbers)]
-    thousandths = bool(finite.size) and float(np.median(finite)) > _SECONDS[1]
-    scale = 1e3 if thousandths else 1.0
-    with np.errstate(invalid="ignore"):
-        good = (numbers >= scale * _SECONDS[0]) & (numbers <= scale * _SECONDS[1])
-    microseconds = np.rint(np.where(good, numbers, 0.0) * (1e6 / scale)).astype(np.int64)
-    what = f"{'milliseconds' if thousandths else 'seconds'} since 1970 (UTC)"
-    return Stamps(microseconds, good, True, f"is not {what}", _read_as(what, example, microseconds // 1_000_000))
-
-
-def _read_as(what: str, example: str, seconds: Index) -> list[str]:
-    if not example:
-        return []
-    first = np.datetime_as_string((1_000_000 * seconds[:1]).astype(MICROSECONDS), unit="s")[0]
-    return [f"timestamp read as {what}: {shown(example)} is {first}"]
-
-
-def _by_pattern(cell: str, pattern: str) -> datetime | None:
-    try:
-        return datetime.strptime(cell.strip(), pattern) if len(cell) <= 2 * MOST_LETTERS else None
-    except (ValueError, OverflowError, re.error):
-        return None
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell.replace(",", ".")) if len(cell) <= MOST_LETTERS else np.nan
-    except ValueError:
-        return np.nan
-
-
-_DATES, _CLOCKS = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
-_CLOCK = re.compile(r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?\s*(?:[AaPp]\.?[Mm]\.?)?(?:\s?[A-Za-z+:\d-]{1,9})?")
-_ROWS_LOOKED_AT = 3
-
-
-class ClockColumns(NamedTuple):
-    """Index of the column of dates, and of the one of times of day."""
-
-    date: int
-    clock: int
-
-
-def find_clock_columns(header: list[str], rows: list[list[str]]) -> ClockColumns | None:
-    """The two columns of a date and a time of day; None if the table has none, or more than one of either."""
-    found = []
-    for names in (_DATES, _CLOCKS):
-        fits = [k for k, cell in enumerate(header) if cell.strip().lower() in names]
-        if len(fits) != 1:
-            return None
-        found += fits
-    columns = ClockColumns(*found)
-    first = rows[:_ROWS_LOOKED_AT]
-    dates = all(is_time(row[columns.date]) and ":" not in row[columns.date] for row in first)
-    clocks = all(_CLOCK.fullmatch(row[columns.clock].strip()) for row in first)
-    return columns if dates and clocks else None
-
-
-def join_cells(row: list[str], columns: ClockColumns) -> str:
-    """Date and time of day of a row as one text; blank if one of them is."""
-    date, clock = row[columns.date].strip(), row[columns.clock].strip()
-    return f"{date} {clock}" if date and clock else ""

@@ -109,7 +109,7 @@ def test_points_are_named_by_header_by_file_or_by_the_caller(point):
 
 def test_columns_of_remarks_and_status_are_no_points(point):
     values = [f"{{ }},{{{'down' if k == 20 else 'ok'}}},{k}" for k in range(40)]
-    path = point("command.csv", PERIODIC, values, "Timestamp,Trend Flags,Status,Value (%)", "%d-%b-%y %I:%M:%S %p PDT")
+    path = point("command.csv", PERIODIC, values, "Timestamp,Trend Flags,Status,Value (%)", "%d-%b-%y %I:%M:%S %p")
     text, notes = joined(path)
     _, seconds, values = table_of(text)
     np.testing.assert_allclose(values[:, 0], 0.01 * np.where(seconds // 60 == 21, 19, (seconds - 13) // 60))
@@ -132,7 +132,7 @@ def test_a_table_with_blanks_is_several_points(point, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "form", ["%d/%m/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%d.%m.%Y %H:%M:%S", "%d-%b-%y %H:%M:%S PDT"]
+    "form", ["%d/%m/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p", "%d.%m.%Y %H:%M:%S", "%d-%b-%y %H:%M:%S"]
 )
 def test_each_file_has_its_own_writing_of_times(point, form):
     a = point("command.csv", PERIODIC, np.arange(40), "Timestamp;Value (%)", form, ";")
@@ -140,7 +140,7 @@ def test_each_file_has_its_own_writing_of_times(point, form):
     text, notes = joined(a, b)
     _, seconds, values = table_of(text)
     np.testing.assert_allclose(values[:, 1], (seconds - 13) / 60)
-    assert all(note.startswith("command.csv: ") for note in notes[:2])
+    assert notes[0].startswith("command.csv: ")
 
 
 def test_newest_first_and_doubles(point):
@@ -211,7 +211,7 @@ def test_times_that_cannot_be_read_are_told_with_their_file(point):
     path = point("T_sup.csv", PERIODIC, range(40), "Timestamp,Value (°C)")
     path.write_text(path.read_text().replace(":05:13", ":05:13Z"))
     said = only_problem(joined, point("command.csv", PERIODIC, range(40), "Timestamp,Value (%)"), path)
-    assert said.startswith("T_sup.csv: timestamp in row 7 has another UTC offset")
+    assert said.startswith("T_sup.csv: timestamp in row 7 has another time zone")
 
 
 def test_a_unit_of_a_point_that_no_file_has_is_refused(point):

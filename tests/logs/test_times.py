@@ -133,11 +133,23 @@ def test_small_numbers_are_no_timestamps(tmp_path):
 # ------------------------------------------------------------------------------------------------------ time zones
 
 
-@pytest.mark.parametrize("zone", ["UTC", "CET", "PST", "MESZ", "(CEST)"])
-def test_one_time_zone_throughout_is_read_and_said(tmp_path, zone):
+@pytest.mark.parametrize(
+    ("zone", "ahead"),
+    [("UTC", "UTC"), ("CET", "UTC+01:00"), ("PST", "UTC-08:00"), ("MESZ", "UTC+02:00"), ("(CEST)", "UTC+02:00")],
+)
+def test_one_time_zone_throughout_is_read_and_said(tmp_path, zone, ahead):
     log = as_read(tmp_path, times(f"%d.%m.%Y %H:%M:%S {zone}"))
     assert_same_log(log)
-    assert any(f"timestamp is in {zone.strip('()')} throughout" in note for note in log.notes)
+    assert log.notes[-1] == f"timestamp is in {zone.strip('()')}: read by UTC offset"
+    assert log.time_zone == ahead
+    assert log.start == START
+
+
+def test_a_zone_of_several_places_stays_a_local_clock(tmp_path):
+    log = as_read(tmp_path, times("%d.%m.%Y %H:%M:%S CST"))
+    assert_same_log(log)
+    assert log.notes[-1:] == ["timestamp is in CST throughout: its times are read as they stand"]
+    assert log.time_zone == ""
 
 
 @pytest.mark.parametrize("zones", [("PDT", "PST"), ("CEST", "CET"), ("BST", "GMT")])
@@ -147,11 +159,9 @@ def test_the_summer_and_the_winter_time_of_one_place_are_one_time(tmp_path, zone
     assert_same_log(as_read(tmp_path, stamps[:20] + back[20:]))
 
 
-def test_other_mixtures_of_zones_are_refused(tmp_path):
-    stamps = [f"{stamp} {'EST' if k else 'PST'}" for k, stamp in enumerate(times("%Y-%m-%d %H:%M"))]
-    assert "the time zones 'PST, EST': write one" in refused(tmp_path, stamps)
+def test_times_of_which_some_have_a_zone_are_refused(tmp_path):
     stamps = [f"{stamp}{' PST' if k else ''}" for k, stamp in enumerate(times("%d.%m.%Y %H:%M"))]
-    assert "names a time zone in some rows only, first unlike in row 3" in refused(tmp_path, stamps)
+    assert "in row 3 has another time zone than the first, or one of them has none" in refused(tmp_path, stamps)
 
 
 def test_utc_offsets_that_change_are_one_time(tmp_path):
@@ -160,7 +170,7 @@ def test_utc_offsets_that_change_are_one_time(tmp_path):
     log = as_read(tmp_path, stamps)
     assert_same_log(log)
     assert any("another UTC offset from row 22 on: read in UTC" in note for note in log.notes)
-    assert "row 3 has another UTC offset than the first" in refused(tmp_path, [stamps[0], *ISO[1:]])
+    assert "row 3 has another time zone than the first" in refused(tmp_path, [stamps[0], *ISO[1:]])
 
 
 # --------------------------------------------------------------------------------------- clocks changed, minutes only
