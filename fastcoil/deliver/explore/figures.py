@@ -187,13 +187,9 @@ class MapFigure:
             self._cells.data = self._laid_out(found.axes) | {"value": found.values[settings.colour].ravel()}
         at = {}
         for side, (name, values) in zip("xy", AXES[found.axes].items(), strict=True):
-            place = _place(values, getattr(settings, name), ratios=found.axes == "tuning")
-            if not -0.5 <= place <= len(values) - 0.5:
-                self._point.data = {"x": [], "y": []}
-                return False
-            at[side] = [place]
+            at[side] = [np.interp(getattr(settings, name), values, range(len(values)), left=np.nan, right=np.nan)]
         self._point.data = at
-        return True
+        return bool(np.isfinite([*at["x"], *at["y"]]).all())
 
     def _laid_out(self, axes: str) -> dict[str, Any]:
         """Label the axes of a map; where its cells lie, and their values in words."""
@@ -215,12 +211,3 @@ class MapFigure:
         self._shown = None
         for source in (self._cells, self._point):
             source.data = {name: [] for name in source.data}
-
-
-def _place(values: tuple[float, ...], value: float, *, ratios: bool) -> float:
-    """Where a value lies, in cells; -1 where a scale of equal ratios has no place for it."""
-    if ratios and value <= 0.0:
-        return -1.0
-    along, at = (np.log(values), np.log(value)) if ratios else (np.array(values), value)
-    k = int(np.clip(np.searchsorted(along, at) - 1, 0, len(values) - 2))
-    return float(k + (at - along[k]) / (along[k + 1] - along[k]))

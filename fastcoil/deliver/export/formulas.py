@@ -32,7 +32,6 @@ from fastcoil.deliver.export.values import (
     joined,
     negated,
     read_in,
-    stored_in,
 )
 from fastcoil.deliver.export.words import RESERVED, plain_text
 from fastcoil.model.numerics import elementary
@@ -152,16 +151,8 @@ class Formulas(ABC):
             with self._aside(test, truth) as block:
                 found[k] = self._bound(name, found[k], key, many=True)
             blocks[k] += block
-        self._when(test, *blocks)
+        self.out += conditional(test, *blocks)
         return found[0] if has_value or found[0] is found[1] else None
-
-    def _when(self, test: ast.expr, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
-        """An if, or more of the one before."""
-        last, text = self.out[-1] if self.out else None, ast.unparse(test)
-        if isinstance(last, ast.If) and ast.unparse(last.test) == text and not stored_in([last]) & read_in(test):
-            last.body, last.orelse = last.body + yes, last.orelse + no
-        elif (made := conditional(test, yes, no)) is not None:
-            self.out.append(made)
 
     def _chosen(self, test: ast.expr, yes: Any, no: Any) -> Any:
         """One of two values."""

@@ -162,16 +162,9 @@ class Translator(Formulas):
                     self._leave(target, self._variable(name))
                 last += block
             else:
-                self._append(block)
-        self._append(last)
+                self.out += block
+        self.out += last
         return _RETURNED
-
-    def _append(self, block: list[ast.stmt]) -> None:
-        for node in block:
-            if isinstance(node, ast.If):
-                self._when(node.test, node.body, node.orelse)
-            else:
-                self.out.append(node)
 
     def _leave(self, target: str, value: Any) -> None:
         """Store a part of what a step leaves; an estimate that is NaN is none."""

@@ -150,12 +150,6 @@ def implied(text: ast.expr, truth: bool, definitions: Mapping[str, ast.expr]) ->
     return found
 
 
-def stored_in(nodes: list[ast.stmt]) -> set[str]:
-    """Variables that some statements store."""
-    targets = [n.targets[0] for top in nodes for n in ast.walk(top) if isinstance(n, ast.Assign)]
-    return {ast.unparse(one.value if isinstance(one, ast.Subscript) else one) for one in targets}
-
-
 def read_in(nodes: list[ast.stmt] | ast.expr) -> set[str]:
     """Names and fields of the state that are read."""
     found: set[str] = set()
@@ -187,23 +181,24 @@ def _kept(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]:
     """The statements that store one of the goals."""
     found: list[ast.stmt] = []
     for node in body:
-        one: ast.stmt | None = node
+        kept: list[ast.stmt] = [node]
         if isinstance(node, ast.If):
-            yes, no = _kept(node.body, goals), _kept(node.orelse, goals)
-            one = conditional(node.test, yes, no)
+            kept = conditional(node.test, _kept(node.body, goals), _kept(node.orelse, goals))
         elif isinstance(node, ast.For):
             inner = _kept(node.body, goals)
-            one = ast.For(node.target, node.iter, inner, []) if inner else None
+            kept = [ast.For(node.target, node.iter, inner, [])] if inner else []
         elif isinstance(node, ast.Assign):
-            one = node if stored_in([node]) & goals else None
-        if one is not None:
+            target = node.targets[0]
+            name = ast.unparse(target.value if isinstance(target, ast.Subscript) else target)
+            kept = [node] if name in goals else []
+        for one in kept:
             one.above = getattr(node, "above", [])  # type: ignore[attr-defined]
-            found.append(one)
+        found += kept
     return found
 
 
-def conditional(test: ast.expr, yes: list[ast.stmt], no: list[ast.stmt]) -> ast.If | None:
-    """An if; ``None`` where nothing is done in either case."""
+def conditional(test: ast.expr, yes: list[ast.stmt], no: list[ast.stmt]) -> list[ast.stmt]:
+    """An if; nothing where nothing is done in either case."""
     if not yes:
         test, yes, no = negated(test), no, yes
-    return ast.If(test, yes, no) if yes else None
+    return [ast.If(test, yes, no)] if yes else []
