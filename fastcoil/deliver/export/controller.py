@@ -33,14 +33,8 @@ from fastcoil.model.user_rules import rules_for_kernels
 
 ANY_SET_POINTS = np.array([0.0, LARGEST])
 """A controller may get any."""
-FRAME = (
-    "running", "clock", "e", "integral_part", "u", "u_ext", "rising", "command", "estimate", "switches", "u_before",
-    "readings", "noise_median", "e_1", "e_2", "T_seen", "decided", "w", "T_sup", "T_set", "m_a", "enabled", "reset",
-    "start_command", "starts", "good_T_sup", "good_T_set", "assumed", "noise", "band", "changed", "power", "crossed",
-    "size", "part", "x", "clipped", "start", "step", "control", "measure_noise", "compensate", "begin_law",
-    "LOWEST_READING", "HIGHEST_READING", "NOISE_READINGS", "FIRST_NOISE", "LEAST_NOISE", "NOISE_OF_MEDIAN",
-)  # fmt: skip
-"""Names that the frame of the laws has."""
+_OTHERS = ("m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w")
+"""Names that the laws have only with a rule."""
 
 
 @cache
@@ -81,8 +75,11 @@ class Controller:
         self.own = [name for name in written if name in self.word.values()]
         self.waives_buffer = estimator is not None and estimator.waives_buffer
         self.rests = estimator is None or estimator.periods is None
-        taken = [*FRAME, *(name.upper() for name in self.number)]
         self.estimating = self.deciding = None
+        self.ports: list[Port] = []
+        self.sees_air = False
+        # names of what stands around the rules
+        taken = [*names_in(self.text()), *(name.upper() for name in self.number), *_OTHERS]
         if estimator is not None:
             others = [each for n in (law.Memory._fields if law else ()) for each in (n, f"{n}_known")]
             function = written.get(estimator.name, estimator.step)

@@ -126,8 +126,8 @@ class Printer:
             return [head, *self.block(node.body, depth + 1), indent + words["end for"]]
         if isinstance(node, ast.If):
             lines = [words["if"].format(say(node.test)), *self.block(node.body, depth + 1)]
-            while self.laws.has_elif(node) and isinstance(node.orelse[0], ast.If):
-                node = node.orelse[0]
+            while node.orelse and isinstance(node.orelse[0], ast.If) and node.orelse[0].col_offset == node.col_offset:
+                node = node.orelse[0]  # an elif, which begins where its if does
                 lines += broken(indent + words["elif"].format(say(node.test)), self.BREAKS)
                 lines += self.block(node.body, depth + 1)
             lines += [indent + words["else"], *self.block(node.orelse, depth + 1)] if node.orelse else []

@@ -84,10 +84,6 @@ class Laws:
             found.insert(0, self._comments[line])
         return found
 
-    def has_elif(self, node: ast.If) -> bool:
-        """Whether what stands in the else of a condition is one ``elif``."""
-        return len(node.orelse) == 1 and self.lines[node.orelse[0].lineno - 1].lstrip().startswith("elif")
-
 
 def _function(node: ast.FunctionDef) -> Function:
     kinds = {one.arg: ast.unparse(one.annotation or ast.Name("float")) for one in node.args.args}
