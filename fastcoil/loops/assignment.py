@@ -13,6 +13,7 @@ import xarray as xr
 from fastcoil.base.arguments import flag_of, is_text, plain
 from fastcoil.base.arrays import MOST_VALUES, array_of
 from fastcoil.base.errors import InputError, WrongType, collecting, shown
+from fastcoil.loops.labelled import as_labelled, in_our_unit, units_of
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import (
     COUNTS,
@@ -37,52 +38,51 @@ SERIES_HINT = (
 
 
 def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
-    """Return a scalar in the parameter's type, or a DataArray of admissible values.
+    """Return a scalar in the parameter's type and unit, or a DataArray of admissible values.
 
-    value: a number, a word, a list (its own dimension), ``(dim, values)`` or a DataArray.
+    value: a number, a word, a list (its own dimension), ``(dim, values)``, a DataArray or a pandas Series.
     """
-    if isinstance(value, xr.DataArray):
-        return _checked_array(parameter, value) if value.ndim else checked_value(parameter, value.values)
+    name = parameter.name
+    array = as_labelled(name, value, name)
+    if array is not None:
+        if array.dtype.kind in "iuf":
+            array = array.copy(data=in_our_unit(name, array, units_of(parameter.unit)))
+        if array.ndim:
+            return _checked_array(parameter, array)
+        value = array.values
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
         return _checked_array(parameter, xr.DataArray(_vector(parameter, value[1]), dims=value[0]))
     if isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
-        return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=parameter.name))
+        return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=name))
     value = plain(value)
     problem = parameter.problem(value)
     if problem:
         raise InputError(problem)
-    return value if parameter.is_word else int(value) if parameter.name in COUNTS else float(value)
+    return value if parameter.is_word else int(value) if name in COUNTS else float(value)
 
 
 def _vector(parameter: Parameter, values: Any) -> np.ndarray:
+    """A sweep along one dim, of values of the right type."""
+    name, cure = parameter.name, "give a DataArray with named dims for more dimensions"
+    if as_labelled(name, values, name) is not None:
+        raise InputError(f"{name} has labels of its own: give it as it is, without the name of a dimension")
     if not isinstance(values, (list, tuple, range)):
-        values = array_of(parameter.name, values, "give a list of values", "iufUbOM")
-    if isinstance(values, np.ndarray) and values.ndim != 1:
-        raise InputError(
-            f"{parameter.name}: a sweep is a list of values; give a DataArray with named dims for more dimensions"
-        )
+        values = array_of(name, values, "give a list of values", "iufUbOM")
+        if values.ndim != 1:
+            raise InputError(f"{name}: a sweep is a list of values; {cure}")
     if len(values) > MOST_VALUES:
-        raise InputError(f"{parameter.name} has {len(values):,} values: give at most {MOST_VALUES:,}")
-    for given in _doubtful(values) if isinstance(values, np.ndarray) and not parameter.is_word else values:
+        raise InputError(f"{name} has {len(values):,} values: give at most {MOST_VALUES:,}")
+    if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and not parameter.is_word:
+        return values
+    for given in values:
         value = given if type(given) in (float, int, str) else plain(given)
         if isinstance(value, (np.ndarray, list, tuple)):
-            raise InputError(
-                f"{parameter.name} = {shown(value)} in a list: give a DataArray with named dims for more dimensions"
-            )
-        fits = isinstance(value, str) if parameter.is_word else type(value) in (int, float) and abs(value) <= LARGEST
-        problem = None if fits else parameter.problem(value)
-        if problem:
+            raise InputError(f"{name} = {shown(value)} in a list: {cure}")
+        is_number = type(value) is float or (type(value) is int and abs(value) <= LARGEST)
+        fits = isinstance(value, str) if parameter.is_word else is_number
+        if not fits and (problem := parameter.problem(value)):
             raise InputError(problem)
     return np.asarray(values)
-
-
-def _doubtful(values: np.ndarray) -> np.ndarray:
-    """Numbers that need a check one by one; finite ones within bounds are skipped."""
-    if values.dtype.kind not in "iuf":
-        return values
-    with np.errstate(over="ignore"):
-        fine = np.abs(values.astype(float)) <= LARGEST
-    return np.asarray(values[~fine])
 
 
 def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
@@ -90,20 +90,16 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
     if array.size == 0:
         raise InputError(f"{name} = []: a sweep needs at least one value")
     for dim in array.dims:
-        _check_dim(name, dim, array.ndim)
-        if dim in array.coords:
-            _check_labels(name, str(dim), array.coords[dim].values)
-    if not parameter.is_word:
-        if array.dtype.kind not in "iuf":
-            raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
-        kind = int if name in COUNTS and array.dtype.kind in "iu" else float
-        array = array.copy(data=array.values.astype(kind))
-    flat = array.values.ravel()
-    bad = [p for p in (parameter.problem(v) for v in _suspects(parameter, flat)) if p]
+        _check_dim(name, dim, array)
+    if not parameter.is_word and array.dtype.kind not in "iuf":
+        raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
+    with np.errstate(over="ignore"):  # what overflows is out of bounds
+        flat = array.values.ravel() if parameter.is_word else array.values.ravel().astype(float)
+    bad = [p for p in map(parameter.problem, _suspects(parameter, flat)) if p]
     if bad:
         raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
-    if name in COUNTS:
-        array = array.astype(int)
+    if not parameter.is_word:
+        array = array.copy(data=array.values.astype(int if name in COUNTS else float))
     if array.dims == (name,):
         # a label such as 0.07 must be found on an axis made by linspace
         values = flat if parameter.is_word else np.array([float(f"{v:.12g}") for v in flat], dtype=array.dtype)
@@ -125,20 +121,24 @@ def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
     return list(flat[~fine].tolist())
 
 
-def _check_dim(name: str, dim: Hashable, ndim: int) -> None:
+def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
+    """Refuse names of dims that are taken or unusable, labels that no file can hold, and labels in another unit."""
     if not isinstance(dim, str) or dim in FORBIDDEN_DIMS:
         raise InputError(f"{name}: {shown(dim)} cannot be the name of a swept dimension: it is taken, choose another")
     if not dim.isidentifier() or dim in ("method", "tolerance", "drop", "indexers", "missing_dims"):
         raise InputError(f"{name}: {shown(dim)} cannot be the name of a dimension; use letters, digits and _")
-    if dim in PARAMETERS and dim == name and ndim > 1:
+    if dim in PARAMETERS and dim == name and array.ndim > 1:
         raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
-
-
-def _check_labels(name: str, dim: str, labels: np.ndarray) -> None:
-    """Refuse labels along a dimension that no file can hold."""
-    if labels.dtype.kind in "biuf" or all(isinstance(label, str) and is_text(label) for label in labels.ravel()):
+    if dim not in array.coords:
         return
-    raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")
+    labels = array.coords[dim]
+    if labels.dtype.kind not in "biuf" and not all(isinstance(one, str) and is_text(one) for one in labels.values):
+        raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")
+    units = units_of(PARAMETERS[dim].unit) if dim in PARAMETERS else {}
+    if units and labels.dtype.kind in "iuf" and not np.array_equal(in_our_unit(dim, labels, units), labels.values):
+        raise InputError(
+            f"{name}: the labels along {dim} are in {labels.attrs['units']!r}: give them in {next(iter(units))}"
+        )
 
 
 NO_RULES: Mapping[str, Rule] = {}
@@ -243,8 +243,7 @@ def expanded(changes: Mapping[str, Any]) -> dict[str, Any]:
     return rest | dict(CONVERGED)
 
 
-_VALVE_CURVE = STAND_INS["rangeability"]
-_ALTERNATIVES = ((INSTALLED_VALVE, _VALVE_CURVE), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
+_ALTERNATIVES = ((INSTALLED_VALVE, STAND_INS["rangeability"]), (("estimate_ratio",), STAND_INS["estimate_ratio"]))
 
 
 def assigned(
@@ -276,27 +275,21 @@ def assigned(
         raise InputError(problems)
 
     result = dict(values)
-    if "backlash_estimate" in checked:
-        result.pop("estimate_ratio", None)
-    if "estimate_ratio" in checked:
-        result.pop("backlash_estimate", None)
-    if checked.keys() & set(_VALVE_CURVE) and result.keys() & set(INSTALLED_VALVE):
-        missing = [n for n in _VALVE_CURVE if n not in checked]
-        if missing:
-            raise InputError(
-                f"{', '.join(sorted(checked.keys() & set(_VALVE_CURVE)))}: the valve is given by rangeability, "
-                f"authority and m_full; give {', '.join(missing)} too to replace them"
-            )
-        for n in INSTALLED_VALVE:
-            result.pop(n, None)
-    if checked.keys() & set(INSTALLED_VALVE):
-        missing = [n for n in INSTALLED_VALVE if n not in checked and n not in result]
-        if missing:
-            raise InputError(f"rangeability, authority and m_full go together: {' and '.join(missing)} missing")
-        for n in _VALVE_CURVE:
-            result.pop(n, None)
+    for stand_ins, replaced in _ALTERNATIVES:
+        if checked.keys() & set(replaced) and result.keys() & set(stand_ins):
+            if missing := [n for n in replaced if n not in checked]:
+                raise InputError(
+                    f"{', '.join(sorted(checked.keys() & set(replaced)))}: the valve is given by rangeability, "
+                    f"authority and m_full; give {', '.join(missing)} too to replace them"
+                )
+            result = {n: v for n, v in result.items() if n not in stand_ins}
+        if checked.keys() & set(stand_ins):
+            if missing := [n for n in stand_ins if n not in checked and n not in result]:
+                raise InputError(f"rangeability, authority and m_full go together: {' and '.join(missing)} missing")
+            result = {n: v for n, v in result.items() if n not in replaced}
     for name, value in checked.items():
-        result.pop(name, None) if isinstance(value, xr.DataArray) else None
+        if isinstance(value, xr.DataArray):
+            result.pop(name, None)  # dims are in the order in which they were last given
         result[name] = value
     _check_lengths(result)
     return result, known

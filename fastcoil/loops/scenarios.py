@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import instance_of
-from fastcoil.base.arrays import array_of
 from fastcoil.base.errors import InputError, IntegrityError, shown
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.clock import is_changed
+from fastcoil.loops.boundary.series import Frame, read_series
 from fastcoil.loops.loop import Loop, forgetting, words_used
 from fastcoil.loops.netcdf import CLOCK
 from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day
@@ -219,17 +219,12 @@ def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
     """The open-loop command as (n_days, n_steps), or None in closed loop."""
     if command is None:
         return None
-    with np.errstate(over="ignore"):  # a number that overflows is refused as infinite
-        values = array_of("command", command, "give 1-s samples, an array of numbers").astype(float)
-    shape = (boundary.n_days, boundary.n_steps)
-    if values.shape not in (shape, shape[1:]):
-        raise InputError(f"command has shape {values.shape}: give 1-s samples, {shape[1:]} or (day, second) = {shape}")
-    bad = np.argwhere(~((values >= 0.0) & (values <= 1.0)))
-    if bad.size:
-        raise InputError(
-            f"command = {values[tuple(bad[0])]} at second {bad[0][-1]}: must be a fraction of stroke, 0 to 1"
-        )
-    return np.array(np.broadcast_to(values, shape), order="C")
+    problems: list[str] = []
+    known = Frame(boundary.day, boundary.n_steps, 0.0, boundary.start, boundary.time_zone or None)
+    given, _ = read_series({"command": command}, problems, known=known)
+    if problems:
+        raise InputError(problems)
+    return given["command"].spread(boundary.n_days, boundary.n_steps)
 
 
 _DIM_ATTRS = {

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fastcoil.base.arguments import text_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.logs.timestamps import offset_text
+from fastcoil.loops.labelled import differing
 
 Times: TypeAlias = NDArray[np.datetime64]
 
@@ -33,12 +34,29 @@ class Clock(NamedTuple):
     time_zone: str = ""
 
 
-def clock_of(start: Any, time_zone: Any, n_days: int, n_steps: int) -> Clock:
-    """The clock of a boundary; one start is that of the first of consecutive days of 24 h."""
+def clock_of(
+    start: Any, time_zone: Any, n_days: int, n_steps: int, carried: Any = None, carried_zone: str | None = None
+) -> Clock:
+    """The clock of a boundary; one start is that of the first of consecutive days of 24 h.
+
+    carried, carried_zone: what the labels of its series say; they stand in for what is not given, or must agree.
+    """
     zone = time_zone_of("time_zone", time_zone)
-    if start is None:
+    if start is None and carried is None:
         return Clock(None, zone)
-    if hasattr(start, "values"):  # of xarray or pandas
+    if start is not None and carried is not None:
+        own = clock_of(start, zone, n_days, n_steps)
+        other = clock_of(carried, carried_zone, n_days, n_steps)
+        both = {"start": own.start, "the first sample": other.start}
+        if problems := differing("the time {}", both, "leave start out, or give bare arrays"):
+            raise InputError(problems)
+        return own
+    if start is None:
+        start, zone = carried, zone or time_zone_of("time_zone", carried_zone)
+    elif getattr(start, "tz", None) is not None or getattr(getattr(start, "dt", None), "tz", None) is not None:
+        start = list(start)  # of pandas, with a time zone
+    elif hasattr(start, "values"):  # of xarray or pandas
+        zone = zone or time_zone_of("time_zone", getattr(start, "attrs", {}).get("time_zone"))
         start = start.values
     several = start if isinstance(start, (list, tuple, np.ndarray)) and np.ndim(start) else [start]
     times = [_time_of(one[()] if isinstance(one, np.ndarray) else one) for one in several]

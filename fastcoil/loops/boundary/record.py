@@ -31,7 +31,15 @@ from fastcoil.loops.boundary.samples import (
     variables_of,
     with_day_dim,
 )
-from fastcoil.loops.boundary.series import BOUNDARY_SERIES, Values, label_array, read_series, series_of, warn_of_stops
+from fastcoil.loops.boundary.series import (
+    BOUNDARY_SERIES,
+    Frame,
+    Values,
+    label_array,
+    read_series,
+    series_of,
+    warn_of_stops,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,12 +100,13 @@ class Boundary(Samples):
     ) -> None:
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []
-        given, labels, n_steps = read_series(series, problems, day=day)
+        given, frame = read_series(series, problems, day=day)
+        labels, n_steps = np.asarray(frame.day), frame.n_steps
         if n_steps is None and not problems:
             problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
         clock = Clock()
         with collecting(problems):
-            clock = clock_of(start, time_zone, labels.size, n_steps or 0)
+            clock = clock_of(start, time_zone, labels.size, n_steps or 0, frame.start, frame.time_zone)
         if problems:
             # Series that share a coordinate share its mistakes.
             raise InputError(list(dict.fromkeys(problems)))
@@ -135,19 +144,20 @@ class Boundary(Samples):
         changes = {name: value for name, value in locals().items() if name != "self" and value is not KEPT}
         by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
         label = self._ds["day"].values
-        known = None if "day" in changes and self._make is None else label
-        problems: list[str] = []
         series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
-        given, labels, _ = read_series(series, problems, day=changes.get("day"), known=known, n_steps=self.n_steps)
-        clock = {"start": self.start, "time_zone": self.time_zone} | {
-            name: changes[name] for name in ("start", "time_zone") if name in changes
-        }
+        clock = {"start": self.start, "time_zone": self.time_zone}
+        clock |= {name: changes[name] for name in clock if name in changes}
+        known = Frame(label, self.n_steps, 0.0, None if "start" in changes else self.start)
+        if "day" in changes and self._make is None:
+            known = known._replace(day=None)
+        problems: list[str] = []
+        given, frame = read_series(series, problems, day=changes.get("day"), known=known)
         if problems:
             raise InputError(problems)
         if self._make is not None:
             replaced = {name: None if changes[name] is None else one for name, one in given.items()}
             make = partial(replaced_day, self._make, replaced) if series else self._make
-            return Boundary._stream(make, labels, self.n_steps, **clock, by_air=by_air)
+            return Boundary._stream(make, np.asarray(frame.day), self.n_steps, **clock, by_air=by_air)
         kept = {str(name): values.values for name, values in self._ds.data_vars.items()}
         if self._by_air and "m_a" in changes:
             del kept["enabled"]
@@ -241,16 +251,7 @@ class Boundary(Samples):
             problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
         if problems:
             raise InputError(problems)
-        start = time_zone = None
-        if "start" in ds.coords:
-            start, time_zone = ds["start"].values, ds["start"].attrs.get("time_zone")
-            if start.dtype.kind != "M":
-                raise InputError(WrongType(f"start is of type {start.dtype}: give dates and times, datetime64"))
-            if ds.sizes.get("elapsed_time"):
-                first = ds["elapsed_time"].values[0]
-                seconds = first / np.timedelta64(1, "s") if first.dtype.kind == "m" else float(first)
-                start = start + np.timedelta64(round(1e6 * seconds), "us").astype(start.dtype.str.replace("M8", "m8"))
-        return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES}, start=start, time_zone=time_zone)
+        return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
 
     @classmethod
     def from_days(

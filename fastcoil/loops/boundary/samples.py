@@ -18,7 +18,15 @@ from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs.series import DIFFERENCE
 from fastcoil.loops.boundary.clock import SECONDS, Clock, Times
-from fastcoil.loops.boundary.series import ADDED_SERIES, BOUNDARY_SERIES, Given, read_series, series_of, warn_of_stops
+from fastcoil.loops.boundary.series import (
+    ADDED_SERIES,
+    BOUNDARY_SERIES,
+    Frame,
+    Given,
+    read_series,
+    series_of,
+    warn_of_stops,
+)
 
 Made = Mapping[str, Any]
 """Series of a day by name, as a user gives them."""
@@ -136,7 +144,7 @@ class Samples:
         """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
         if self._make is None:
             return {name: values[k] for name, values in self.series.items()}, 0
-        return checked_day(self._make(k), int(self.day[k]), self.n_steps)
+        return checked_day(self._make(k), int(self.day[k]), self.n_steps, None if self.start is None else self.start[k])
 
     @property
     def is_surveyed(self) -> bool:
@@ -285,7 +293,7 @@ def joined_day(makers: Sequence[Maker], k: int) -> Made:
     return {name: np.concatenate([one[name] for one in rows]) for name in rows[0]}
 
 
-def checked_day(made: Made, label: int, n_steps: int) -> tuple[dict[str, Array], int]:
+def checked_day(made: Made, label: int, n_steps: int, start: Any = None) -> tuple[dict[str, Array], int]:
     """A day that was made as series of (n_steps,), and how many seconds have no air flow; mistakes name the day."""
     if not isinstance(made, Mapping):
         cure = "give a mapping of series, such as a dict"
@@ -297,7 +305,8 @@ def checked_day(made: Made, label: int, n_steps: int) -> tuple[dict[str, Array],
         )
     problems: list[str] = []
     values = {name: made.get(name) for name in BOUNDARY_SERIES}
-    given, _, _ = read_series(values, problems, known=np.asarray(label), n_steps=n_steps)
+    frame = Frame(np.asarray(label), n_steps, start=start)
+    given, _ = read_series(values, problems, known=frame)
     if problems:
         raise InputError([f"day {label}: {problem}" for problem in problems])
     rows, stopped = series_of(given, 1, n_steps, by_air=made.get("enabled") is None)

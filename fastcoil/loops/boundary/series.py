@@ -1,4 +1,4 @@
-"""The series of a boundary, and the checks of the values that a user gives for them.
+"""The series of a boundary, and the checks of the values that a user gives for them; labels of all must agree.
 
 A loop without air flow is not in operation: its seconds count in no metric, and a warning says so.
 """
@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, array_of
-from fastcoil.base.errors import InputError, WrongType, collecting, shown
+from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.logs.series import COLUMNS, Series
+from fastcoil.loops.labelled import Course, as_labelled, course_of, differing, in_our_unit
 
 Values: TypeAlias = Any
 """A series as a user gives it: a number, array-like or DataArray; checked at run time."""
@@ -29,11 +29,11 @@ LARGEST_DAY_LABEL = 2**32 - 1
 
 
 class Given(NamedTuple):
-    """One series as read: dims (of ``day``, ``elapsed_time``), values, and day labels if it has them."""
+    """One series as read: dims (of ``day``, ``elapsed_time``), values in our unit, and what its labels say."""
 
     dims: tuple[str, ...]
     values: Array
-    day: NDArray[Any] | None = None
+    course: Course = Course()
 
     def spread(self, n_days: int, n_steps: int) -> Array:
         shape = (n_days if "day" in self.dims else 1, n_steps if "elapsed_time" in self.dims else 1)
@@ -44,35 +44,75 @@ class Given(NamedTuple):
         return self.values[k] if "day" in self.dims else self.values
 
 
-def read_series(
-    values: Mapping[str, Values],
-    problems: list[str],
-    *,
-    day: Values = None,
-    known: NDArray[Any] | None = None,
-    n_steps: int | None = None,
-) -> tuple[dict[str, Given], NDArray[Any], int | None]:
-    """Series as a user gives them in our units, the labels of the days, and the samples of each if known.
+class Frame(NamedTuple):
+    """What all series of a boundary share: labels of the days, samples of each, and the time of the first."""
 
-    Mistakes are added to ``problems``, a sentence each.  Labels that series carry must be alike, and the ``known``
-    ones; ``day`` replaces them.
+    day: NDArray[Any] | None = None
+    n_steps: int | None = None
+    second: float | None = None
+    start: NDArray[np.datetime64] | None = None
+    time_zone: str | None = None
+
+
+def read_series(
+    values: Mapping[str, Values], problems: list[str], *, day: Values = None, known: Frame | None = None
+) -> tuple[dict[str, Given], Frame]:
+    """Series as a user gives them in our units, and what they share.
+
+    Mistakes are added to ``problems``, a sentence each.  Labels that series carry must be alike, and as ``known``;
+    ``day`` replaces those of days.
     """
     given: dict[str, Given] = {}
     for name, value in values.items():
         with collecting(problems):
-            given[name] = _read(BOUNDARY_SERIES[name], value)
-    n_steps = _common_size("elapsed_time", "samples", given, problems, n_steps)
-    n_days = _common_size("day", "days", given, problems, None if known is None else known.size)
-    labels = _carried_labels(given, problems, known) if day is None else label_array(day, problems)
+            given[name] = _read(COLUMNS[name], value)
+    frame = known or Frame()
+    sizes = {
+        dim: {name: one.values.shape[one.dims.index(dim)] for name, one in given.items() if dim in one.dims}
+        for dim in ("elapsed_time", "day")
+    }
+    cure = "give every series the same number"
+    n_steps = _agreed("{} samples", frame.n_steps, sizes["elapsed_time"], problems, cure)
+    n_days = _agreed("{} days", None if frame.day is None else frame.day.size, sizes["day"], problems, cure)
+    course = {
+        field: _agreed(text, getattr(frame, field), _carried(given, field), problems, f"align them, or {cure}")
+        for field, text, cure in _LABELS
+    }
+    labels = frame.day if day is None and frame.day is not None else course["day"]
+    if day is not None or labels is not None:
+        labels = label_array(labels if day is None else day, problems)
     if labels is None:
         labels = np.arange(n_days) if n_days else np.asarray(0)
     elif n_days is not None and labels.size != n_days:
         problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
-    elif any("day" in one.dims for one in given.values()):
+    elif sizes["day"]:
         labels = np.atleast_1d(labels)
     for name, one in given.items():
-        problems += _value_problems(BOUNDARY_SERIES[name], one, labels)
-    return given, labels, n_steps
+        problems += _value_problems(COLUMNS[name], one, labels)
+    return given, Frame(labels, n_steps, course["second"], course["start"], course["time_zone"])
+
+
+_LABELS = (
+    ("day", "day {}", "give bare arrays and day=..."),
+    ("second", "its first sample at elapsed_time {} s", "drop_vars('elapsed_time')"),
+    ("start", "its first sample at {}", "give bare arrays"),
+    ("time_zone", "the time zone {}", "convert to one zone"),
+)
+"""Labels of a ``Course``, in words, and what to do where they differ."""
+
+
+def _carried(given: Mapping[str, Given], field: str) -> dict[str, Any]:
+    """What series say of a label; those with several days first."""
+    carried = {name: getattr(one.course, field) for name, one in given.items()}
+    carried = {name: found for name, found in carried.items() if found is not None and not np.array_equal(found, "")}
+    return dict(sorted(carried.items(), key=lambda item: np.ndim(item[1]) == 0))
+
+
+def _agreed(text: str, known: Any, found: Mapping[str, Any], problems: list[str], cure: str) -> Any:
+    """What is ``known`` of the boundary, or the first of what is found; problems are what differs from it."""
+    every = ({} if known is None else {"the boundary": known}) | dict(found)
+    problems += differing(text, every, cure)
+    return next(iter(every.values()), None)
 
 
 def series_of(given: Mapping[str, Given], n_days: int, n_steps: int, *, by_air: bool) -> tuple[dict[str, Array], int]:
@@ -117,34 +157,16 @@ def _read(series: Series, value: Values) -> Given:
         if series.default is None:
             raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
         value = series.default
-    if isinstance(value, xr.DataArray):
-        return _read_labelled(series, value)
+    array = as_labelled(series.name, value, "elapsed_time")
+    if array is not None:
+        course = course_of(series.name, array)
+        dims = tuple(dim for dim in ("day", "elapsed_time") if dim in array.dims)
+        _numbers(series, array.values)
+        return Given(dims, _numbers(series, in_our_unit(series.name, array.transpose(*dims), series.units)), course)
     values = _numbers(series, value)
     if values.ndim > 2:
         raise InputError(f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)")
     return Given(("day", "elapsed_time")[2 - values.ndim :], values)
-
-
-def _read_labelled(series: Series, value: xr.DataArray) -> Given:
-    dims = tuple(dim for dim in ("day", "elapsed_time") if dim in value.dims)
-    if len(dims) != value.ndim:
-        raise InputError(f"{series.name} has dims {value.dims}: name them elapsed_time and, for several days, day")
-    if "elapsed_time" in dims and "elapsed_time" in value.coords:
-        seconds = value.coords["elapsed_time"].values
-        if seconds.dtype.kind not in "iufm":
-            raise InputError(f"elapsed_time is of type {seconds.dtype}: give the seconds 0, 1, ...")
-        steps = np.diff(seconds) / (np.timedelta64(1, "s") if seconds.dtype.kind == "m" else 1.0)
-        wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
-        if wrong.size:
-            raise InputError(
-                f"elapsed_time has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: "
-                "give 1-s steps (interpolate first)"
-            )
-    values = _numbers(series, value.transpose(*dims).values)
-    unit = value.attrs.get("units", series.unit)
-    if not isinstance(unit, str):
-        raise InputError(WrongType(f"{series.name} has units = {shown(unit)}: give a text ({series.known_units})"))
-    return Given(dims, series.convert(values, unit), value.coords["day"].values if "day" in value.coords else None)
 
 
 def _numbers(series: Series, value: Values) -> Array:
@@ -153,35 +175,6 @@ def _numbers(series: Series, value: Values) -> Array:
         raise InputError(f"{series.name} is empty: give at least one 1-s sample")
     with np.errstate(over="ignore"):  # a number that overflows is refused as infinite
         return values.astype(np.float64)
-
-
-def _common_size(dim: str, word: str, given: Mapping[str, Given], problems: list[str], known: int | None) -> int | None:
-    """Size of ``dim``, None if unknown; a series of another size than the boundary or the first one is a problem."""
-    sizes = {} if known is None else {"the boundary": known}
-    sizes |= {name: one.values.shape[one.dims.index(dim)] for name, one in given.items() if dim in one.dims}
-    first, size = next(iter(sizes.items()), ("", None))
-    problems += [
-        f"{name} has {other} {word} where {first} has {size}: give every series the same number"
-        for name, other in sizes.items()
-        if other != size
-    ]
-    return size
-
-
-def _carried_labels(given: Mapping[str, Given], problems: list[str], known: NDArray[Any] | None) -> NDArray[Any] | None:
-    """The day labels that series carry as a coordinate, None if none does; others than the first's are problems."""
-    carried = {name: one.day for name, one in given.items() if one.day is not None}
-    several = {name: day for name, day in carried.items() if day.ndim}
-    labelled = several or carried if known is None else {"the boundary": np.atleast_1d(known)} | several
-    if not labelled:
-        return None
-    first, labels = next(iter(labelled.items()))
-    problems += [
-        f"{name} has day {day!s:.40} where {first} has {labels!s:.40}: align them, or give day=..."
-        for name, day in labelled.items()
-        if not np.array_equal(day, labels)
-    ]
-    return label_array(labels if known is None else known, problems)
 
 
 def _value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
