@@ -131,6 +131,7 @@ def diagnose(
 @click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")
 @click.option("--max-gap", type=float, help="Longest gap over which a point is held or interpolated, s.")
 @click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT)
+@click.option("--time-zone", metavar="ZONE", help="Zone of times without a UTC offset, such as America/New_York.")
 def join(
     files: Sequence[Path],
     out: Path,
@@ -139,6 +140,7 @@ def join(
     step: float | None,
     max_gap: float | None,
     time_format: str | None,
+    time_zone: str | None,
 ) -> None:
     """Join the points in FILES into one log with a common time step, for diagnose and the fits.
 
@@ -148,7 +150,7 @@ def join(
     from fastcoil.base.arguments import checking, number_of
     from fastcoil.logs.columns import max_gap_of
     from fastcoil.logs.join import join_points
-    from fastcoil.logs.timestamps import time_format_of
+    from fastcoil.logs.timestamps import time_format_of, zone_of
 
     if not files:
         raise InputError("give the files to join, such as command.csv T_sup.csv")
@@ -156,12 +158,14 @@ def join(
         step = check.unless_none(number_of, "--step", step, "give seconds, from 1 to 86400", least=1.0, most=86400.0)
         check(max_gap_of, max_gap)
         time_format = check.unless_none(time_format_of, "--time-format", time_format)
+        time_zone = check.unless_none(zone_of, "--time-zone", time_zone)
         check(_require_new, out)
     joined = join_points(
         files,
         columns=pairs("--column", columns) or {},
         units=pairs("--unit", units) or {},
         time_format=time_format,
+        time_zone=time_zone,
         step=step,
         max_gap=max_gap,
     )

@@ -12,46 +12,40 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.logs.cells import is_datum
 from fastcoil.logs.columns import Reading, Wanted, status_columns
-from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes
+from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
 from fastcoil.logs.readings import read_columns
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.logs.table import Table, label_and_unit
-from fastcoil.logs.timestamps import MICROSECONDS, is_time, read_stamps
+from fastcoil.logs.timestamps import MICROSECONDS, in_zone, is_time, offset_text
 
 _TIMES = (
-    "timestamp",
-    "time",
-    "date",
-    "datetime",
-    "date time",
-    "date/time",
-    "time stamp",
-    "zeit",
-    "zeitstempel",
-    "datum",
-)
+    "timestamp", "time", "date", "datetime", "date time", "date/time", "time stamp", "zeit", "zeitstempel", "datum",
+)  # fmt: skip
 """Headers of a column of times, in small letters."""
 POINTS = [name for name in COLUMNS if name not in ("elapsed_time", "batch")]
 """What a point may be."""
 _ROWS_LOOKED_AT = 1000  # A column without a number in them is one of remarks
-_CURE = "--time-format '{format}'"
 
 
 class Point(NamedTuple):
     """One point: its name among ``COLUMNS``, its times (µs since 1970, ascending) and values in our unit, (n,) each.
 
-    absolute: whether the times are of UTC, not of a clock on the wall.  file: where it is from.
+    clock: ``UTC`` where the times are absolute; else the name of the zone beside them, blank without one.  offset: by
+    which the clock that wrote absolute times is ahead [µs].  file: where it is from.
     """
 
     name: str
     times: Index
     values: Array
-    absolute: bool
+    clock: str
+    offset: int
     file: str
 
 
-class Files:
-    """Points of several files.
+def read_points(
+    paths: Sequence[Path], columns: Mapping[str, str], how: Reading, time_zone: str | None = None
+) -> tuple[list[Point], list[str]]:
+    """The points of several files, and notes on how they were read.
 
     Parameters
     ----------
@@ -59,111 +53,117 @@ class Files:
         The files.
     columns
         Our name → file, or header, or ``file:header``, for points that neither header nor file name names.
-    units
-        Our name → unit, for headers without one.
-    time_format
-        As of ``read_log``.
+    how
+        Units by our name, for headers without one, and the format of the times.
+    time_zone
+        Of times that have none, such as ``America/New_York``.
     """
-
-    def __init__(
-        self, paths: Sequence[Path], columns: Mapping[str, str], units: Mapping[str, str], time_format: str | None
-    ) -> None:
-        self.points: list[Point] = []
-        self.notes: list[str] = []
-        self._columns, self._units, self._time_format = columns, units, time_format
-        self._used: set[str] = set()
-        problems = [
-            f"{option} has unknown {shown(name)}{nearest(name, POINTS)}: use {', '.join(POINTS)}"
-            for option, given in (("--column", columns), ("--unit", units))
-            for name in given
-            if name not in POINTS
-        ]
-        for path in paths:
-            with collecting(problems):
-                self._read(path)
+    points: list[Point] = []
+    notes: list[str] = []
+    used: set[str] = set()
+    problems = [
+        f"{option} has unknown {shown(name)}{nearest(name, POINTS)}: use {', '.join(POINTS)}"
+        for option, given in (("--column", columns), ("--unit", how.units))
+        for name in given
+        if name not in POINTS
+    ]
+    known = {name: target for name, target in columns.items() if name in POINTS}
+    for path in paths:
+        with collecting(problems):
+            table = Table.read(path)
+            points += _points_of(table, path, known, used, how, time_zone)
+            notes += [f"{table.name}: {note}" for note in table.notes]
+    names = [point.name for point in points]
+    if not problems:
         problems += [
-            f"--column {name}={columns[name]}: no file and no header is called so, or several are"
-            for name in columns
-            if name in POINTS and name not in self._used and not problems
+            f"--column {name}={target}: no file and no header is called so, or several are"
+            for name, target in known.items()
+            if name not in used
         ]
-        names = [point.name for point in self.points]
         problems += [
-            f"--unit {name}={units[name]}: no file has the point {name}"
-            for name in units
-            if name in POINTS and name not in names and not problems
+            f"--unit {name}={unit}: no file has the point {name}"
+            for name, unit in how.units.items()
+            if name not in names
         ]
-        for name in dict.fromkeys(names):
-            if names.count(name) > 1:
-                files = " and ".join(point.file for point in self.points if point.name == name)
-                problems.append(f"{name} is in {files}: leave one out")
-        if problems:
-            raise InputError(problems)
+    for name in dict.fromkeys(names):
+        if names.count(name) > 1:
+            files = " and ".join(point.file for point in points if point.name == name)
+            problems.append(f"{name} is in {files}: leave one out")
+    if problems:
+        raise InputError(problems)
+    return points, notes
 
-    def _read(self, path: Path) -> None:
-        """Add the points of a file."""
-        table = Table.read(path)
-        time = _time_column(table)
-        named = self._names(table, path, time)
-        with collecting(table.problems):
-            stamps = read_stamps([row[time] for row in table.rows], table.row_numbers, self._time_format, _CURE)
-        table.stop_if_wrong()
-        table.notes += stamps.notes
-        if not stamps.good.all():
-            k = int(np.argmin(stamps.good))
-            cell, row = shown(table.rows[k][time]), table.row_numbers[k]
-            table.problems.append(f"{table.header[time] or 'time'} = {cell} in row {row} {stamps.wrong}")
-        units = {name: unit for name, unit in self._units.items() if name in named}
-        how = Reading(columns={}, units=units, has_command=True)
-        readings = read_columns(table, named, how, Wanted((), measured=POINTS), sparse=True)
-        table.problems += readings.complaints
-        table.stop_if_wrong()
-        times, order = _ascending(table, stamps.microseconds)
-        for name, values in readings.known.items():
-            kept = order[np.isfinite(values[order])]
-            if not kept.size:
-                raise InputError(f"{table.name}: {name} has no value")
-            self.points.append(Point(name, times[kept], values[kept], stamps.absolute, table.name))
-        self.notes += [f"{table.name}: {note}" for note in table.notes + readings.notes]
 
-    def _names(self, table: Table, path: Path, time: int) -> dict[str, int]:
-        """Column of each point of a file, by our name."""
-        status = status_columns(table)
-        others = [k for k in range(len(table.header)) if k != time and k not in status]
-        columns = [k for k in others if any(is_datum(row[k]) for row in table.rows[:_ROWS_LOOKED_AT])]
-        named: dict[str, int] = {}
-        for name, target in self._columns.items():
-            file, _, header = target.partition(":")
-            of_file = file in (path.name, str(path), path.stem)
-            fits = [
-                k
-                for k in columns
-                if target in (table.header[k], label_and_unit(table.header[k])[0])
-                or (of_file and (header in (table.header[k], label_and_unit(table.header[k])[0]) if header else True))
-            ]
-            if len(fits) == 1 and name in POINTS:
-                if name in self._used:
-                    raise InputError(f"--column {name}={target}: it is in {path.name} and in a file before: "
-                                     "give FILE:HEADER")  # fmt: skip
-                named[name] = fits[0]
-                self._used.add(name)
-        taken = set(named.values())
-        for k in columns:
-            label = label_and_unit(table.header[k])[0]
-            if k not in taken and label in POINTS and label not in self._columns:
-                named.setdefault(label, k)
-        if not named and len(columns) == 1 and path.stem in POINTS:
-            named[path.stem] = columns[0]
-        if not named:
-            headers = ", ".join(shown(table.header[k]) for k in columns[:3]) or "no column of numbers but the time"
+def _points_of(
+    table: Table, path: Path, columns: Mapping[str, str], used: set[str], how: Reading, time_zone: str | None
+) -> list[Point]:
+    """The points of a file; their names by ``columns`` join those that are ``used``."""
+    time = _time_column(table)
+    named = _names(table, path, time, columns, used)
+    with collecting(table.problems):
+        stamps = read_times(table, time, how)
+    table.stop_if_wrong()
+    if not stamps.absolute and time_zone:
+        stamps = in_zone(stamps, time_zone)
+    how = Reading(columns={}, units={n: unit for n, unit in how.units.items() if n in named}, has_command=True)
+    readings = read_columns(table, named, how, Wanted((), measured=POINTS), sparse=True)
+    table.problems += readings.complaints
+    table.stop_if_wrong()
+    table.notes += readings.notes
+    steps = np.diff(stamps.microseconds)
+    if (steps < 0).any():
+        first, second = table.row_numbers[int(np.argmax(steps < 0)) :][:2]
+        raise InputError(f"{table.name}: time goes back between rows {first} and {second}: sort the rows by time")
+    double = np.append(steps == 0, False)
+    if double.any():
+        table.notes.append(f"{counted(double, 'row')} at the time of the next: left out")
+    points = []
+    for name, values in readings.known.items():
+        kept = ~double & np.isfinite(values)
+        if not kept.any():
+            raise InputError(f"{table.name}: {name} has no value")
+        clock = "UTC" if stamps.absolute else stamps.time_zone
+        points.append(Point(name, stamps.microseconds[kept], values[kept], clock, stamps.offset, table.name))
+    return points
+
+
+def _names(table: Table, path: Path, time: int, columns: Mapping[str, str], used: set[str]) -> dict[str, int]:
+    """Column of each point of a file, by our name."""
+    status, labels = status_columns(table), [label_and_unit(header)[0] for header in table.header]
+    others = [k for k in range(len(table.header)) if k != time and k not in status]
+    numbers = [k for k in others if any(is_datum(row[k]) for row in table.rows[:_ROWS_LOOKED_AT])]
+    named: dict[str, int] = {}
+    for name, target in columns.items():
+        file, _, header = target.partition(":")
+        of_file = header if file in (path.name, str(path), path.stem) else None  # blank: any column of the file
+        fits = [
+            k
+            for k in numbers
+            if of_file == "" or {target, of_file} & {table.header[k], labels[k]}
+        ]
+        if len(fits) == 1 and name in used:
             raise InputError(
-                f"{path.name} has {headers}: say which point that is, with --column NAME={path.name}"
-                + (":HEADER" if len(columns) > 1 else "")
-                + f", of {', '.join(POINTS)}"
+                f"--column {name}={target}: it is in {path.name} and in a file before: give FILE:HEADER"
             )
-        left = [table.header[k] for k in others if k not in named.values()]
-        if left:
-            table.notes.append(f"{counted(len(left), 'column')} left out: {', '.join(map(shown, left[:3]))}")
-        return named
+        if len(fits) == 1:
+            named[name] = fits[0]
+            used.add(name)
+    taken = set(named.values())
+    for k in numbers:
+        if k not in taken and labels[k] in POINTS and labels[k] not in columns:
+            named.setdefault(labels[k], k)
+    if not named and len(numbers) == 1 and path.stem in POINTS:
+        named[path.stem] = numbers[0]
+    if not named:
+        headers = ", ".join(shown(table.header[k]) for k in numbers[:3]) or "no column of numbers but the time"
+        which = f"{path.name}{':HEADER' if len(numbers) > 1 else ''}"
+        raise InputError(
+            f"{path.name} has {headers}: say which point that is, with --column NAME={which}, of {', '.join(POINTS)}"
+        )
+    left = [table.header[k] for k in others if k not in named.values()]
+    if left:
+        table.notes.append(f"{counted(len(left), 'column')} left out: {', '.join(map(shown, left[:3]))}")
+    return named
 
 
 def _time_column(table: Table) -> int:
@@ -174,24 +174,6 @@ def _time_column(table: Table) -> int:
     if is_time(table.rows[0][0]):
         return 0
     raise InputError(f"{table.name} has no column of times: call it timestamp")
-
-
-def _ascending(table: Table, times: Index) -> tuple[Index, Index]:
-    """The times, and the rows in ascending order of time, of doubles the last; time that goes to and fro is refused."""
-    steps = np.diff(times)
-    order = np.arange(times.size)
-    if (steps < 0).any() and (steps <= 0).all():
-        table.notes.append("the newest row is first: turned round")
-        order = order[::-1]
-        steps = -steps[::-1]
-    if (steps < 0).any():
-        k = int(np.argmax(steps < 0))
-        first, second = sorted((table.row_numbers[order[k]], table.row_numbers[order[k + 1]]))
-        raise InputError(f"{table.name}: time goes back between rows {first} and {second}: sort the rows by time")
-    double = np.append(steps == 0, False)
-    if double.any():
-        table.notes.append(f"{counted(double, 'row')} at the time of the next: left out")
-    return times, order[~double]
 
 
 _NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)  # steps of a clock, s
@@ -212,9 +194,10 @@ def join_points(
     *,
     columns: Mapping[str, str],
     units: Mapping[str, str],
-    time_format: str | None,
-    step: float | None,
-    max_gap: float | None,
+    time_format: str | None = None,
+    time_zone: str | None = None,
+    step: float | None = None,
+    max_gap: float | None = None,
 ) -> Joined:
     """One table of the points of several files, on a common clock.
 
@@ -223,24 +206,29 @@ def join_points(
 
     Parameters
     ----------
-    paths, columns, units, time_format
-        As of `Files`.
+    paths, columns, time_zone
+        As of `read_points`.
+    units, time_format
+        As of ``read_log``.
     step
         Of the clock [s]; the usual step of the fastest point if left out, rounded down.
     max_gap
         Longest time without a sample over which a point holds or runs straight [s]; if left out, three usual steps for
         a point of regular samples, no limit for one that is written when it changes.
     """
-    files = Files(paths, columns, units, time_format)
-    points = sorted(files.points, key=lambda point: list(COLUMNS).index(point.name))
-    if len({point.absolute for point in points}) > 1:
-        which = {point.absolute: point.file for point in points}
+    how = Reading(units=units, time_format=time_format, has_command=True)
+    points, notes = read_points(paths, columns, how, time_zone)
+    points.sort(key=lambda point: list(COLUMNS).index(point.name))
+    files = {point.clock: point.file for point in points}
+    if len(files) > 1:
+        clocks = ", ".join(f"{file} {clock or 'none'}" for clock, file in files.items())
         raise InputError(
-            f"{which[True]} has UTC offsets or epoch times, {which[False]} a local clock: export both alike"
+            f"the files have different time zones ({clocks}): export all alike, or give the zone of times without a "
+            "UTC offset, such as --time-zone America/New_York"
         )
     regular = {point.name: not may_be_of_changes(np.diff(point.times) / _SECOND) for point in points}
     clock = _clock(points, regular, step)
-    notes, values, good = list(files.notes), {}, np.ones(clock.size, dtype=bool)
+    values, good = {}, np.ones(clock.size, dtype=bool)
     for point in points:
         values[point.name], has_value, note = _on_clock(point, clock, regular[point.name], max_gap)
         good &= has_value
@@ -253,7 +241,9 @@ def join_points(
         notes.append(f"{counted(~good, 'row')} of {good.size:,} left out: a point has no sample within its longest gap")
     usual = float(np.median(np.diff(clock))) / _SECOND
     notes.append(f"{counted(good, 'row')}, {usual:g} s apart")
-    return Joined(_text(clock[good], {n: v[good] for n, v in values.items()}, points[0].absolute), notes)
+    offsets = {point.offset for point in points}
+    offset = None if points[0].clock != "UTC" else offsets.pop() if len(offsets) == 1 else 0
+    return Joined(_text(clock[good], {n: v[good] for n, v in values.items()}, offset), notes)
 
 
 def _clock(points: Sequence[Point], regular: Mapping[str, bool], step: float | None) -> Index:
@@ -295,8 +285,10 @@ def _on_clock(point: Point, clock: Index, regular: bool, max_gap: float | None) 
     return values, good, f"{point.name}: {counted(point.times.size, 'sample')} of {point.file}{what}, {how} {longest}"
 
 
-def _text(clock: Index, values: Mapping[str, Array], absolute: bool) -> str:
-    zone = "+00:00" if absolute else ""
+def _text(clock: Index, values: Mapping[str, Array], offset: int | None) -> str:
+    """Text of the table; ``offset``: from UTC [µs], None for the times of a local clock."""
+    zone = "" if offset is None else offset_text(offset // 60_000_000)[3:] or "+00:00"
+    clock = clock + (offset or 0)
     header = ["timestamp", *(f"{name} [{COLUMNS[name].unit}]" for name in values)]
     cells = [[f"{stamp.isoformat()}{zone}" for stamp in clock.astype(MICROSECONDS).tolist()]]
     cells += [[f"{value:.{_DIGITS}g}" for value in column.tolist()] for column in values.values()]

@@ -126,10 +126,10 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     if how.time_format is not None and not stamped:
         table.problems.append(f"time_format = {how.time_format!r}: it is for the column timestamp, which the log lacks")
     table.stop_if_wrong()
+    at = rows_at(table, found["timestamp"], how) if stamped else None
     readings = read_columns(table, found, how, wanted)
     known = readings.known
-    seconds = known.get("elapsed_time", np.zeros(0))
-    at = rows_at(table, found["timestamp"], how) if stamped else RowTimes(seconds)
+    at = at or RowTimes(known.get("elapsed_time", np.zeros(0)))
     time = at.since
     if time.size:
         known, time = fill_or_cut(

@@ -15,7 +15,7 @@ from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.logs.columns import Reading
 from fastcoil.logs.series import counted
 from fastcoil.logs.table import Table
-from fastcoil.logs.timestamps import read_stamps
+from fastcoil.logs.timestamps import Stamps, read_stamps
 
 _LEAST_STEP = 0.999
 MOST_SECONDS = 50_000_000
@@ -134,22 +134,28 @@ class RowTimes(NamedTuple):
     time_zone: str = ""
 
 
-def rows_at(table: Table, column: int, how: Reading) -> RowTimes:
-    """Time of every row, from timestamps.
-
-    Nothing, (0,), if something is wrong with them that becomes a problem of the table.
-    """
+def read_times(table: Table, column: int, how: Reading) -> Stamps:
+    """The timestamps of the rows; the rows of a table whose newest is first are turned round."""
     cure = how.cure("time_format='{format}'", "--time-format '{format}'")
+    stamps = read_stamps([row[column] for row in table.rows], table.row_numbers, how.time_format, cure)
+    table.notes += stamps.notes
+    if not (stamps.good.all() or how.drop):
+        k = int(np.argmin(stamps.good))
+        cell, number = table.rows[k][column], table.row_numbers[k]
+        raise InputError(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
+    steps = np.diff(stamps.microseconds[stamps.good])
+    if (steps < 0).any() and (steps <= 0).all():
+        table.turn_round()
+        stamps = stamps._replace(microseconds=stamps.microseconds[::-1], good=stamps.good[::-1])
+    return stamps
+
+
+def rows_at(table: Table, column: int, how: Reading) -> RowTimes:
+    """Time of every row, from timestamps; nothing, (0,), if something is wrong that becomes a problem of the table."""
     with collecting(table.problems):
-        stamps = read_stamps([row[column] for row in table.rows], table.row_numbers, how.time_format, cure)
-        table.notes += stamps.notes
-        if not (stamps.good.all() or how.drop):
-            k = int(np.argmin(stamps.good))
-            cell, number = table.rows[k][column], table.row_numbers[k]
-            table.problems.append(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
-        else:
-            since = stamps.microseconds - stamps.microseconds[np.argmax(stamps.good)]
-            return RowTimes(np.where(stamps.good, since / 1e6, np.nan), *stamps.first())
+        stamps = read_times(table, column, how)
+        since = stamps.microseconds - stamps.microseconds[np.argmax(stamps.good)]
+        return RowTimes(np.where(stamps.good, since / 1e6, np.nan), *stamps.first())
     return RowTimes(np.zeros(0))
 
 

@@ -349,6 +349,12 @@ class Table:
             if name not in known
         ]
 
+    def turn_round(self) -> None:
+        """Put the rows, whose newest is first, in the order of time."""
+        self.rows.reverse()
+        self.row_numbers.reverse()
+        self.notes.append("the newest row is first: turned round")
+
     def keep(self, kept: Mask) -> None:
         """Cut the rows that are not ``kept``, (n_rows,)."""
         index = np.flatnonzero(kept).tolist()

@@ -17,7 +17,7 @@ import numpy as np
 
 from fastcoil.base.arguments import text_of
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.logs.series import counted
 
 MOST_LETTERS = 64
@@ -196,6 +196,17 @@ _NAMED = {
 """Hours by which the clocks of named zones are ahead of UTC."""
 _OF_SEVERAL_PLACES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
 """Names that other continents use as well, unless the name on the right is in the log too."""
+
+
+def zone_of(name: str, value: Any) -> str:
+    """The name of a time zone that this machine knows."""
+    text = text_of(name, value).strip()
+    try:
+        zoneinfo.ZoneInfo(text)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        known = nearest(text, zoneinfo.available_timezones())
+        raise InputError(f"{name} = {shown(text)}{known}: give a name such as America/New_York") from None
+    return text
 
 
 def in_zone(stamps: Stamps, time_zone: str) -> Stamps:

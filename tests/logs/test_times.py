@@ -8,7 +8,8 @@ from helpers.exports import COMMAND, HEADER, ISO, ROWS, START, T_SUP, assert_sam
 from helpers.refusals import only_problem, refusal
 
 import fastcoil as fc
-from fastcoil.logs.join import Files
+from fastcoil.logs import Reading
+from fastcoil.logs.join import read_points
 
 CURE = "time_format='%d/%m/%Y %H:%M', --time-format '%d/%m/%Y %H:%M'"
 
@@ -294,5 +295,5 @@ def test_two_columns_of_one_name_and_two_names_of_one_column_are_refused(tmp_pat
 def test_a_file_to_join_may_have_date_and_time_apart(tmp_path):
     cells = [[day, hour, *row[1:]] for day, hour, row in zip(times("%d.%m.%Y"), times("%H:%M"), rows(), strict=True)]
     path = saved(tmp_path, text_of(cells, ("Date", "Time", *HEADER[1:])))
-    point = Files([path], {}, {}, None).points[0]
+    (point, _), _ = read_points([path], {}, Reading())
     assert (point.name, point.times[-1] - point.times[0]) == ("command", 59 * 60_000_000)
