@@ -136,15 +136,9 @@ def _names(table: Table, path: Path, time: int, columns: Mapping[str, str], used
     for name, target in columns.items():
         file, _, header = target.partition(":")
         of_file = header if file in (path.name, str(path), path.stem) else None  # blank: any column of the file
-        fits = [
-            k
-            for k in numbers
-            if of_file == "" or {target, of_file} & {table.header[k], labels[k]}
-        ]
+        fits = [k for k in numbers if of_file == "" or {target, of_file} & {table.header[k], labels[k]}]
         if len(fits) == 1 and name in used:
-            raise InputError(
-                f"--column {name}={target}: it is in {path.name} and in a file before: give FILE:HEADER"
-            )
+            raise InputError(f"--column {name}={target}: it is in {path.name} and in a file before: give FILE:HEADER")
         if len(fits) == 1:
             named[name] = fits[0]
             used.add(name)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,6 +24,7 @@ _LIVE_ZERO, _FULL_SIGNAL = (0.18, 0.26), 0.9
 """A command in V whose lowest value is here and whose highest is above that, of 10 V, may be a signal of 2–10 V."""
 
 
+@dataclass
 class Readings:
     """The columns of a log as numbers, and what is wrong with them.
 
@@ -30,21 +32,15 @@ class Readings:
     is no value.  notes: what was taken for something else.  complaints: a sentence for each column with bad numbers.
     """
 
-    def __init__(self) -> None:
-        self.known: dict[str, Array] = {}
-        self.bad: dict[str, Mask] = {}
-        self.missing: dict[str, Mask] = {}
-        self.notes: list[str] = []
-        self.complaints: list[str] = []
+    known: dict[str, Array] = field(default_factory=dict)
+    bad: dict[str, Mask] = field(default_factory=dict)
+    missing: dict[str, Mask] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
 
 
 def read_columns(
-    table: Table,
-    found: Mapping[str, int],
-    how: Reading,
-    wanted: Wanted,
-    *,
-    sparse: bool = False,
+    table: Table, found: Mapping[str, int], how: Reading, wanted: Wanted, *, sparse: bool = False
 ) -> Readings:
     """Every column ``found`` but ``timestamp`` as numbers in our units.
 
@@ -57,9 +53,8 @@ def read_columns(
     marked = marked_by_status(table, columns)
     for name, column in columns.items():
         series = COLUMNS[name]
-        given = how.units.get(name)
         cells = cells_of([row[column] for row in table.rows], writing, switch=series.is_switch)
-        unit = _unit_of(table, series, column, given, cells, how.has_command)
+        unit = _unit_of(table, series, column, how.units.get(name), cells, how.has_command)
         if unit is None:
             continue
         _note_words(table, series, column, cells)
@@ -69,22 +64,22 @@ def read_columns(
         by_status = marked[name] | cells.marked if name in marked else cells.marked
         values[by_status] = np.nan
         bad = series.is_bad(values)
-        readings.known[name], readings.bad[name] = values, bad
-        readings.missing[name] = cells.missing | by_status | series.is_missing_mark(cells.values)
-        off = np.zeros(values.size, dtype=bool) if how.strict else _sensor_off(table, series, cells.values, values)
-        if off.any() and name in wanted.measured:
+        missing = cells.missing | by_status | series.is_missing_mark(cells.values)
+        off = _sensor_off(series, cells.values, values) & (not how.strict)
+        wrong = bad & ~missing if sparse else bad
+        if off.any():
             first = first_row(table.row_numbers, off)
-            readings.notes.append(f"{counted(off, 'value')} left out: {name} is 0, sensor off ({first})")
-            bad &= ~off
-            values[off] = np.nan
-        elif off.any():
-            first = first_row(table.row_numbers, off)
-            readings.complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
-            bad |= off
-        elif (wrong := bad & ~readings.missing[name] if sparse else bad).any():
+            if name in wanted.measured:
+                readings.notes.append(f"{counted(off, 'value')} left out: {name} is 0, sensor off ({first})")
+                values[off] = np.nan
+            else:
+                readings.complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
+            bad = bad & ~off if name in wanted.measured else bad | off
+        elif wrong.any():
             readings.complaints.append(_complaint(table, series, column, unit, wrong, by_status, cells.values))
         if unit == "V" and series.units is TRAVEL:
             _suspect_live_zero(series, values[~bad], how, table.notes)
+        readings.known[name], readings.bad[name], readings.missing[name] = values, bad, missing
     return readings
 
 
@@ -198,14 +193,11 @@ def _at_bounds(table: Table, series: Series, values: Array, notes: list[str]) ->
     return np.where(near, np.clip(values, series.lower, series.upper), values)
 
 
-def _sensor_off(table: Table, series: Series, numbers: Array, values: Array) -> Mask:
+def _sensor_off(series: Series, numbers: Array, values: Array) -> Mask:
     """Where a temperature reads exactly 0 in its own unit, and nearly all others are far above freezing."""
-    nowhere = np.zeros(values.size, dtype=bool)
-    if series.units is not TEMPERATURE:
-        return nowhere
-    zero = numbers == 0.0
+    zero = (numbers == 0.0) & (series.units is TEMPERATURE)
     others = values[~zero & ~series.is_bad(values)]
-    return zero if zero.any() and others.size and np.quantile(others, 0.01) >= _WARM else nowhere
+    return np.asarray(zero & bool(others.size and np.quantile(others, 0.01) >= _WARM))
 
 
 _SPARSE, _FEWEST_HOLES = 0.2, 10
@@ -243,7 +235,13 @@ def fill_or_cut(
             readings.complaints[-1] += f"; or leave such values out and count them: {cure}"
         table.problems += readings.complaints + _sparse(readings)
         return known, time
-    _drop_measured(table, known, bad, wanted, readings.notes)
+    for name in [n for n in wanted.measured if n in bad]:
+        lost = bad.pop(name)
+        known[name][lost] = np.nan
+        if lost.any():
+            readings.notes.append(_left_out(table, name, lost, "value"))
+        if lost.all():
+            raise InputError(f"{table.name}: {name} has no admissible number: check its unit")
     if stamped:
         bad = {"timestamp": np.isnan(time)} | bad
     if how.drop:
@@ -289,19 +287,6 @@ def _bridge(
         how = "held" if held else "on a straight line between its neighbours"
         first = first_row(table.row_numbers, filled)
         readings.notes.append(f"{counted(filled, 'missing value')} of {name} bridged: {how} ({first})")
-
-
-def _drop_measured(
-    table: Table, known: dict[str, Array], bad: dict[str, Mask], wanted: Wanted, notes: list[str]
-) -> None:
-    """Make the bad values of measured columns NaN, and take them out of ``bad``."""
-    for name in [n for n in wanted.measured if n in bad]:
-        lost = bad.pop(name)
-        if lost.any():
-            notes.append(_left_out(table, name, lost, "value"))
-            known[name][lost] = np.nan
-        if np.isnan(known[name]).all():
-            raise InputError(f"{table.name}: {name} has no admissible number: check its unit")
 
 
 def _drop_rows(

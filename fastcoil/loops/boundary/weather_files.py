@@ -24,6 +24,7 @@ from fastcoil.logs.columns import asked_columns
 from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Series, counted, in_total, warn_of_reading
 from fastcoil.logs.table import Table
+from fastcoil.logs.timestamps import offset_text
 from fastcoil.loops.boundary.clock import YEARS, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 
@@ -260,9 +261,7 @@ def _time_zone(cells: Sequence[str]) -> str:
     """Hours ahead of UTC as text; blank if there are none."""
     match = re.fullmatch(r"[+-]?\d\d?(\.\d{1,2})?", "".join(cells).strip(), re.ASCII)
     minutes = round(60 * float(match[0])) if match else 24 * 60
-    if abs(minutes) > 14 * 60:
-        return ""
-    return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
+    return offset_text(minutes) if abs(minutes) <= 14 * 60 else ""
 
 
 def _read_year(file: str, lines: Sequence[str], layout: Layout, fields: Mapping[str, Field]) -> Weather:
