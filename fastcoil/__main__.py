@@ -1,5 +1,6 @@
 """``fastcoil`` and ``python -m fastcoil``."""
 
+import gc
 import os
 import signal
 import sys
@@ -8,13 +9,13 @@ import traceback
 
 from fastcoil.base.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 from fastcoil.cli.main import main
-from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.cli.streams import guard_streams
 from fastcoil.cli.terminal import say
 
 
 def run() -> None:
     """Run the command line; exit with its code, or with that of a storage error if output was lost."""
+    gc.set_threshold(100_000)  # imports make many objects that stay: scanning them again and again takes 0.2 s
     streams = guard_streams()
     code = _run_command()
     lost = streams.loss()
@@ -30,7 +31,7 @@ def run() -> None:
 
 def _run_command() -> int:
     try:
-        main(obj=OWN_PROCESS)
+        main()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0 if end.code is None else EXIT_BUG
     except Exception:

@@ -1,4 +1,4 @@
-"""Arguments of commands: paths, and scenarios given as ``--at backlash=0.07,tuning=fast``."""
+"""Arguments of commands: paths, and lists of ``NAME=VALUE``."""
 
 from __future__ import annotations
 
@@ -30,33 +30,36 @@ class UsablePath(click.ParamType):  # type: ignore[type-arg]
 PATH = UsablePath()
 
 
-def labels_of(at: str) -> dict[str, str]:
-    """Parse ``NAME=LABEL,...`` into dimension → label."""
-    pairs = _pairs(at)
-    dims = [dim for dim, _ in pairs]
-    twice = [f"--at: {shown(dim)} is given twice: give it once" for k, dim in enumerate(dims) if dim in dims[:k]]
-    if twice:
-        raise InputError(twice)
-    return dict(pairs)
-
-
-def all_labels_of(at: Sequence[str]) -> dict[str, list[str]]:
-    """Parse ``NAME=LABEL`` arguments into name → list of labels; a name may be given several times."""
-    found: dict[str, list[str]] = {}
-    for name, label in _pairs(",".join(at)):
-        found.setdefault(name, []).append(label)
+def pairs(option: str, given: Sequence[str]) -> dict[str, str]:
+    """Parse ``NAME=VALUE`` arguments into a mapping; each name once."""
+    found: dict[str, str] = {}
+    problems: list[str] = []
+    for one in given:
+        name, sign, value = (part.strip() for part in one.partition("="))
+        if not sign:
+            problems.append(f"{option} {one}: give NAME=VALUE")
+        elif name in found:
+            problems.append(f"{option}: {shown(name)} is given twice: give it once")
+        found[name] = value
+    if problems:
+        raise InputError(problems)
     return found
 
 
-def _pairs(at: str) -> list[tuple[str, str]]:
-    from fastcoil.study.file.tables import LONGEST_KEY
+def labels_of(at: Sequence[str]) -> dict[str, str]:
+    """Parse ``--at backlash=0.07,tuning=fast`` into dimension → label."""
+    return pairs("--at", _split(at))
 
-    pairs = [item.split("=", 1) for item in re.split(",(?=[^,=]+=)", at) if item]
-    if any(len(pair) != 2 for pair in pairs):
-        raise InputError(f"--at {shown(at)}: give dimension=label, several of them separated by commas")
-    long = [
-        f"--at {shown(word)}: longer than any dimension or label" for word in sum(pairs, []) if len(word) > LONGEST_KEY
-    ]
-    if long:
-        raise InputError(long)
-    return [(dim.strip(), label.strip()) for dim, label in pairs]
+
+def all_labels_of(option: str, at: Sequence[str]) -> dict[str, list[str]]:
+    """As ``labels_of``, into name → list of labels; a name may be given several times."""
+    found: dict[str, list[str]] = {}
+    for one in _split(at):
+        for name, label in pairs(option, [one]).items():
+            found.setdefault(name, []).append(label)
+    return found
+
+
+def _split(at: Sequence[str]) -> list[str]:
+    """The arguments, split at commas that begin another ``NAME=``."""
+    return [item for item in re.split(",(?=[^,=]+=)", ",".join(at)) if item]

@@ -11,9 +11,8 @@ import click
 from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, exists, is_folder, may_be_file
-from fastcoil.cli.announcements import announce_compilation
 from fastcoil.cli.arguments import PATH, all_labels_of
-from fastcoil.cli.terminal import say
+from fastcoil.cli.terminal import announce_compilation, say
 from fastcoil.model.metric_table import STATUS_NOT_RUN
 
 if TYPE_CHECKING:
@@ -177,7 +176,7 @@ def export_table(
     from fastcoil.study.analysis.selected import binned, in_words, selected
     from fastcoil.study.folder.results import open_results
 
-    format, labels = _format(formats, by), all_labels_of(at)
+    format, labels = _format(formats, by), all_labels_of("--at", at)
     target = _target(path, format, out)
     ds = open_results(path)
     with checking() as check:

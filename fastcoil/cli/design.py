@@ -13,12 +13,10 @@ import click
 
 from fastcoil.base.errors import InputError, missing_extra
 from fastcoil.base.files import may_be_file
-from fastcoil.cli.announcements import announce_compilation, run_own_code
-from fastcoil.cli.arguments import PATH, labels_of
+from fastcoil.cli.arguments import PATH, labels_of, pairs
 from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.interrupts import interruptible
-from fastcoil.cli.logs import pairs
-from fastcoil.cli.terminal import say
+from fastcoil.cli.terminal import announce_compilation, run_own_code, say
 
 
 @click.command()
@@ -44,7 +42,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     from fastcoil.study.maintenance import one_scenario
 
     form = _form_of(out)
-    scenario = one_scenario(target, labels_of(",".join(at)), pairs("--set", changes) or {})
+    scenario = one_scenario(target, labels_of(at), pairs("--set", changes))
     announce_compilation()
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
@@ -141,7 +139,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     from fastcoil.loops.presets import PRESETS
     from fastcoil.study.maintenance import one_scenario
 
-    name, labels = str(target), labels_of(",".join(at))
+    name, labels = str(target), labels_of(at)
     given = None if name in PRESETS and not labels else one_scenario(target, labels, {})
     model = Model(given, name) if given is None else Model(given)
     announce_compilation()

@@ -11,11 +11,10 @@ import click
 
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.progress import progress_of_command
-from fastcoil.cli.announcements import announce_compilation
-from fastcoil.cli.arguments import PATH
+from fastcoil.cli.arguments import PATH, pairs
 from fastcoil.cli.deliver import with_report, write_report
-from fastcoil.cli.logs import pairs, require_writable, with_reading_options
-from fastcoil.cli.terminal import say
+from fastcoil.cli.logs import require_writable, with_reading_options
+from fastcoil.cli.terminal import announce_compilation, say
 
 if TYPE_CHECKING:
     from fastcoil.loops.loop import Loop
@@ -159,7 +158,7 @@ def fit_coil_command(
 def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
     """Parse ``NAME=NUMBER`` arguments into a mapping."""
     found = {}
-    for name, text in (pairs(option, given) or {}).items():
+    for name, text in pairs(option, given).items():
         try:
             found[name] = float(text)
         except ValueError:

@@ -8,27 +8,15 @@ from typing import Any
 
 import click
 
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, exists, is_file, is_folder, may_be_file
-from fastcoil.cli.announcements import announce_compilation
-from fastcoil.cli.arguments import PATH
+from fastcoil.cli.arguments import PATH, pairs
 from fastcoil.cli.deliver import with_report, write_report
-from fastcoil.cli.terminal import say
-
-
-def pairs(option: str, given: Sequence[str]) -> dict[str, str] | None:
-    """Parse ``NAME=VALUE`` arguments into a mapping; None if there are none."""
-    parts = [one.partition("=") for one in given]
-    wrong = [f"{option} {one}: give NAME=VALUE" for one, (_, sign, _) in zip(given, parts, strict=True) if not sign]
-    names = [name.strip() for name, _, _ in parts]
-    wrong += [f"{option}: {shown(name)} is given twice: give it once" for name in names if names.count(name) > 1][:1]
-    if wrong:
-        raise InputError(wrong)
-    return {name.strip(): value.strip() for name, _, value in parts} or None
+from fastcoil.cli.terminal import announce_compilation, say
 
 
 def _as_pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str] | None:
-    return pairs(param.opts[-1], value)
+    return pairs(param.opts[-1], value) or None
 
 
 _TIME_FORMAT = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
@@ -162,8 +150,8 @@ def join(
         check(_require_new, out)
     joined = join_points(
         files,
-        columns=pairs("--column", columns) or {},
-        units=pairs("--unit", units) or {},
+        columns=pairs("--column", columns),
+        units=pairs("--unit", units),
         time_format=time_format,
         time_zone=time_zone,
         step=step,

@@ -12,12 +12,10 @@ import click
 
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 from fastcoil.base.progress import duration
-from fastcoil.cli.announcements import announce_compilation, compile_meanwhile, run_own_code
 from fastcoil.cli.arguments import PATH, labels_of
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.plot import draw_standard_figures
-from fastcoil.cli.quick_start import quick_start
-from fastcoil.cli.terminal import say
+from fastcoil.cli.terminal import announce_compilation, run_own_code, say
 
 if TYPE_CHECKING:
     from fastcoil.base.progress import Advance
@@ -38,13 +36,12 @@ def run(
 
     An interrupted study is resumed; a finished one is not run again.
     """
-    with quick_start():
-        from fastcoil.base.progress import progress_of_command
-        from fastcoil.model.metric_table import STATUS_OK
-        from fastcoil.study.analysis.summary import summary
-        from fastcoil.study.file.spec import read_study
-        from fastcoil.study.folder.result_files import RESULTS
-        from fastcoil.study.run import Finished, default_folder, execute
+    from fastcoil.base.progress import progress_of_command
+    from fastcoil.model.metric_table import STATUS_OK
+    from fastcoil.study.analysis.summary import summary
+    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.folder.result_files import RESULTS
+    from fastcoil.study.run import Finished, default_folder, execute
 
     folder = out or default_folder(study)
     asked = read_study(study, prepare=run_own_code)
@@ -85,13 +82,12 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
-    with quick_start():
-        from fastcoil.base.machine import available_memory, gib
-        from fastcoil.loops.plan import check_disk, first_shards
-        from fastcoil.loops.simulate import estimate_seconds, workers
-        from fastcoil.model.engine.lanes import compile_kernel
-        from fastcoil.study.file.spec import read_study
-        from fastcoil.study.run import default_folder
+    from fastcoil.base.machine import available_memory, gib
+    from fastcoil.loops.plan import check_disk, first_shards
+    from fastcoil.loops.simulate import estimate_seconds, workers
+    from fastcoil.model.engine.lanes import compile_kernel
+    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.run import default_folder
 
     n_jobs = workers(jobs)
     start = time.perf_counter()
@@ -120,8 +116,7 @@ def plan(study: Path, jobs: int | None) -> None:
 @click.argument("folder", type=PATH)
 def status(folder: Path) -> None:
     """Show the progress of the study in FOLDER, and how to resume it."""
-    with quick_start():
-        from fastcoil.study import maintenance
+    from fastcoil.study import maintenance
 
     say(*maintenance.status(folder))
 
@@ -130,8 +125,7 @@ def status(folder: Path) -> None:
 @click.argument("folder", type=PATH, metavar="FOLDER|ARCHIVE.zip")
 def verify(folder: Path) -> None:
     """Check all files in the FOLDER of a study, or in an archive of one, against their hashes; changes nothing."""
-    with quick_start():
-        from fastcoil.study import maintenance
+    from fastcoil.study import maintenance
 
     problems = maintenance.verify(folder)
     if problems:
@@ -149,10 +143,9 @@ def verify(folder: Path) -> None:
 )
 def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
-    with quick_start():
-        from fastcoil.study import maintenance
+    from fastcoil.study import maintenance
 
-    labels = labels_of(",".join(at))
+    labels = labels_of(at)
     announce_compilation()
     path, found = maintenance.rerun(folder, labels, run_own_code)
     say(*found)
@@ -189,7 +182,6 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
     if analysis:
         say(f"Analysis: {analysis}")
-    compile_meanwhile()
 
 
 def _write_new(path: Path, text: str) -> None:

@@ -1,7 +1,5 @@
 """``fastcoil init``: the template, and the studies that come with fastcoil."""
 
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -10,7 +8,6 @@ from click.testing import CliRunner
 
 from fastcoil.base.errors import StorageError
 from fastcoil.cli.main import main
-from fastcoil.cli.quick_start import OWN_PROCESS
 from fastcoil.study.file import starters as shipped
 from studies.__main__ import questions
 
@@ -31,23 +28,6 @@ def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
     again = fastcoil("init", "mine.toml")
     assert again.exit_code == 2
     assert "mine.toml exists" in again.output
-
-
-def test_init_compiles_in_the_background_what_a_first_study_needs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    begun, there = [], [False, True]
-    monkeypatch.setattr("fastcoil.model.numerics.jit.is_compiled", lambda kernel: there.pop(0))
-    monkeypatch.setattr(subprocess, "Popen", lambda words, **options: begun.append((words, options)))
-    assert CliRunner().invoke(main, ["init"], obj=OWN_PROCESS).exit_code == 0
-    assert CliRunner().invoke(main, ["init"], obj=OWN_PROCESS).exit_code == 2  # nothing written, nothing begun
-    assert CliRunner().invoke(main, ["init", "compiled.toml"], obj=OWN_PROCESS).exit_code == 0
-    assert there == []
-    assert CliRunner().invoke(main, ["init", "other.toml"]).exit_code == 0  # more than a command: a notebook, a test
-    ((words, options),) = begun
-    assert options["start_new_session"]
-    assert words[:2] == [sys.executable, "-P"]
-    compile(words[-1], "background", "exec")
-    assert "fc.simulate(fc.Loop(), fc.paper_day(" in words[-1]
 
 
 def test_every_study_of_the_repository_is_shipped_as_it_is():
