@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.base.figures import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_style, mark_logarithms, wrapped
 from fastcoil.design.describing_function import Elements, limited, swings_of
-from fastcoil.design.limit_cycle import MOST, Cycles, cycles_of
-from fastcoil.design.linearise import Margins, margins_of
+from fastcoil.design.limit_cycle import MOST, cycles_of
+from fastcoil.design.linearise import margins_of
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import Columns, Complex, Plants, loop_response, plants_of
 from fastcoil.loops.boundary import Boundary
@@ -32,32 +33,6 @@ _READING = (
 )
 _AMPLITUDES, _SMALLEST = 400, 1e-3  # number of amplitudes, and least |N| that is drawn
 _WIDTH = 6.5  # inches
-_OPEN: Any = {"frameon": False, "handlelength": 2.5}
-
-
-class _Curve(NamedTuple):
-    """One loop: what the legend calls it, its frequencies [rad/s] and L there, and what theory predicts.
-
-    minus_1_over_N: over the amplitude, at the frequency of the cycle or, without one, of the margin; empty where theory
-    says nothing.  at: that frequency.
-    """
-
-    words: str
-    w: Array
-    L: Complex
-    minus_1_over_N: Complex
-    at: float
-    margins: Margins
-    cycles: Cycles
-
-    @property
-    def hunts(self) -> bool:
-        """Whether it is predicted to hunt."""
-        return bool(self.cycles.hunts[0] > 0.0)
-
-    def label(self, words: str) -> str:
-        """What the legend says of it."""
-        return f"{self.words}: {words}" if self.words else words
 
 
 @apply_style()
@@ -78,33 +53,30 @@ def bode(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    curves = _curves(loop, boundary, at)
     figure = Figure(figsize=(_WIDTH, 5.0), layout="constrained")
     size, phase = figure.subplots(2, 1, sharex=True)
     size.axhline(1.0, color="black", lw=0.8, ls=DOTTED)
     phase.axhline(-180.0, color="black", lw=0.8, ls=DOTTED)
     phase.axhspan(-180.0, -90.0, color=FAINT, lw=0)
-    deepest = -200.0
-    for curve, colour, line in zip(curves, COLOURS, LINE_STYLES, strict=False):
-        degrees = np.degrees(np.unwrap(np.angle(curve.L)))
-        gain_margin, phase_margin = curve.margins.gain_margin[0], curve.margins.phase_margin[0]
-        words = f"gain margin {gain_margin:.2g}, phase margin {phase_margin:.0f}°"
-        size.loglog(curve.w, np.abs(curve.L), color=colour, ls=line, label=curve.label(words))
-        phase.semilogx(curve.w, degrees, color=colour, ls=line)
-        _mark(size, curve.w, degrees + 180.0, np.abs(curve.L), 1.0, colour)
-        _mark(phase, curve.w, 1.0 - np.abs(curve.L), degrees, -180.0, colour)
-        deepest = min(deepest, float(degrees[np.abs(curve.L) > _LOW].min(initial=-180.0)))
-    shown = np.concatenate([curve.w[(np.abs(curve.L) < _HIGH) & (np.abs(curve.L) > _LOW)] for curve in curves])
-    if shown.size:
-        size.set_xlim(shown.min(), shown.max())
+    deepest, shown = -200.0, []
+    for (words, columns, plant), colour, line in zip(_loops(loop, boundary, at), COLOURS, LINE_STYLES, strict=False):
+        w, L = _open_loop(columns, plant)
+        magnitude, degrees = np.abs(L), np.degrees(np.unwrap(np.angle(L)))
+        margins = margins_of(columns, plant)
+        label = f"{words}gain margin {margins.gain_margin[0]:.2g}, phase margin {margins.phase_margin[0]:.0f}°"
+        size.loglog(w, magnitude, color=colour, ls=line, label=label)
+        phase.semilogx(w, degrees, color=colour, ls=line)
+        _mark(size, w, degrees + 180.0, magnitude, 1.0, colour)
+        _mark(phase, w, 1.0 - magnitude, degrees, -180.0, colour)
+        deepest = min(deepest, float(degrees[magnitude > _LOW].min(initial=-180.0)))
+        shown += w[(magnitude < _HIGH) & (magnitude > _LOW)].tolist()
+    if shown:
+        size.set_xlim(min(shown), max(shown))
     mark_logarithms(size.xaxis)
-    size.set_ylim(_LOW, _HIGH)
-    phase.set_ylim(deepest - 10.0, -45.0)
-    phase.set_yticks(np.arange(-90.0, deepest - 10.0, -45.0))
-    size.set_yticks([0.01, 0.1, 1.0, 10.0])
-    size.set_ylabel("|L|")
+    size.set(ylim=(_LOW, _HIGH), yticks=[0.01, 0.1, 1.0, 10.0], ylabel="|L|")
+    phase.set(ylim=(deepest - 10.0, -45.0), yticks=np.arange(-90.0, deepest - 10.0, -45.0))
     phase.set(xlabel="angular frequency [rad/s]", ylabel="phase of L [°]")
-    size.legend(loc="lower left", **_OPEN)
+    size.legend(loc="lower left", frameon=False, handlelength=2.5)
     phase.set_title("Shaded: where the lag of a gap, up to 90°, can close the loop", loc="left")
     return figure
 
@@ -128,7 +100,6 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    curves = _curves(loop, boundary, at)
     figure = Figure(figsize=(_WIDTH, 5.6), layout="constrained")
     axes = figure.subplots()
     axes.axhline(0.0, color="black", lw=0.6)
@@ -136,15 +107,20 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     turn = np.linspace(0.0, 2.0 * math.pi, 200)
     axes.plot(np.cos(turn), np.sin(turn), color="black", lw=0.8, ls=DOTTED)
     axes.plot(-1.0, 0.0, "+", color="black", ms=9)
-    for curve, colour, line in zip(curves, COLOURS, LINE_STYLES, strict=False):
-        near = np.abs(curve.L) < 3.0 * _REACH
-        answer = "hunts" if curve.hunts else "does not hunt"
-        words = f"margin {curve.cycles.margin[0]:.2g}, {answer}" if curve.minus_1_over_N.size else "not predicted"
-        axes.plot(curve.L.real[near], curve.L.imag[near], color=colour, ls=line, label=curve.label(words))
-        axes.plot(curve.minus_1_over_N.real, curve.minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
-        if curve.cycles.margin[0] > 0.0:
-            on_L = complex(np.interp(curve.at, curve.w, curve.L))  # where the loop hunts, or comes nearest to it
-            pair = np.array([on_L] if curve.hunts else [on_L, on_L / curve.cycles.margin[0]])
+    for (words, columns, plant), colour, line in zip(_loops(loop, boundary, at), COLOURS, LINE_STYLES, strict=False):
+        w, L = _open_loop(columns, plant)
+        cycles = cycles_of(columns, plant)
+        margin, hunts = float(cycles.margin[0]), bool(cycles.hunts[0] > 0.0)
+        critical = float(2.0 * math.pi / cycles.period[0] if hunts else cycles.frequency[0])
+        minus_1_over_N = _minus_1_over_N(columns, plant, critical)
+        answer = f"margin {margin:.2g}, {'hunts' if hunts else 'does not hunt'}"
+        near = np.abs(L) < 3.0 * _REACH
+        label = f"{words}{answer if minus_1_over_N.size else 'not predicted'}"
+        axes.plot(L.real[near], L.imag[near], color=colour, ls=line, label=label)
+        axes.plot(minus_1_over_N.real, minus_1_over_N.imag, color=colour, lw=0.7, label="_-1/N")
+        if margin > 0.0:
+            on_L = complex(np.interp(critical, w, L))  # where the loop hunts, or comes nearest to it
+            pair = np.array([on_L] if hunts else [on_L, on_L / margin])
             axes.plot(pair.real, pair.imag, color=colour, lw=0.8, ls=DOTTED, marker="o", ms=3.5)
     axes.set(xlim=(-_REACH, 1.2), ylim=(-_REACH, 1.2), aspect="equal", xlabel="real part", ylabel="imaginary part")
     axes.legend(loc="upper left", framealpha=0.8, edgecolor="none")
@@ -152,7 +128,8 @@ def nyquist(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
     return figure
 
 
-def _curves(loop: Loop, boundary: Boundary, at: Any) -> list[_Curve]:
+def _loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Columns, Plants]]:
+    """What the legend calls each loop, with a colon behind, its parameters and its plant."""
     points = OperatingPoints(loop, boundary, at)
     require_pi(points.loop)
     if points.size > len(COLOURS):
@@ -160,22 +137,20 @@ def _curves(loop: Loop, boundary: Boundary, at: Any) -> list[_Curve]:
     index = np.arange(points.size)
     columns = points.columns(index)
     plants = plants_of(columns, points.conditions(index))
-    names, found = points.labels(), []
-    for k in index:
+    for k, label in enumerate(points.labels()):
+        words = ", ".join(filter(None, [label, "" if plants.reachable[k] else "set-point out of reach"]))
         one = {name: values[k : k + 1] for name, values in columns.items()}
-        plant = plants.some(index[k : k + 1])
-        w = np.geomspace(_LOWEST, math.pi / float(one["sample_time"][0]), _FREQUENCIES)
-        L = loop_response(one, plant, w)[0]
-        cycles = cycles_of(one, plant)
-        at = float(2.0 * math.pi / cycles.period[0] if cycles.hunts[0] > 0.0 else cycles.frequency[0])
-        curve = _minus_1_over_N(one, plant, at)
-        words = names[k] if plant.reachable[0] else ", ".join(filter(None, [names[k], "set-point out of reach"]))
-        found.append(_Curve(words, w, L, curve, at, margins_of(one, plant), cycles))
-    return found
+        yield f"{words}: " if words else "", one, plants.some(index[k : k + 1])
+
+
+def _open_loop(columns: Columns, plant: Plants) -> tuple[Array, Complex]:
+    """Frequencies, rad/s, up to the highest that the controller can make, and L there."""
+    w = np.geomspace(_LOWEST, math.pi / float(columns["sample_time"][0]), _FREQUENCIES)
+    return w, loop_response(columns, plant, w)[0]
 
 
 def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
-    """Over the amplitude of u, at a frequency [rad/s]; empty where theory says nothing."""
+    """-1/N over the amplitude of u, at a frequency [rad/s]; empty where theory says nothing."""
     if not math.isfinite(at):
         return np.empty(0, complex)
     elements, swings = Elements.of(columns), swings_of(plant.curve, plant.T_sup, plant.gain)

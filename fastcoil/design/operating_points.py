@@ -31,16 +31,16 @@ class OperatingPoints:
     """Every loop of a sweep at every operating point, in one flat order.
 
     Dims are those of the loop, then ``day`` if the boundary has it, then ``elapsed_time`` if several seconds are asked
-    for.  loop, boundary, at: see ``linearise``.
+    for.  loop, boundary, at: see ``linearise``.  warm_up: seconds that the mean of a day leaves out.
     """
 
-    def __init__(self, loop: Loop, boundary: Boundary, at: Any = None) -> None:
+    def __init__(self, loop: Loop, boundary: Boundary, at: Any = None, warm_up: int = WARM_UP) -> None:
         with checking() as check:
             check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
             check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
         self.seconds = _seconds_of(at, boundary.n_steps)
         self.has_times = self.seconds is not None and np.ndim(plain(at)) > 0
-        self._entering = _means(boundary) if self.seconds is None else _samples(boundary, self.seconds)
+        self._entering = _means(boundary, warm_up) if self.seconds is None else _samples(boundary, self.seconds)
         layout = Layout(loop, boundary)
         check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
         require_one_gap(boundary)
@@ -169,13 +169,13 @@ def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = Fals
     return found
 
 
-def _means(boundary: Boundary) -> dict[str, Array]:
-    found = mean_conditions(boundary, WARM_UP)
+def _means(boundary: Boundary, warm_up: int) -> dict[str, Array]:
+    found = mean_conditions(boundary, warm_up)
     without = np.flatnonzero(np.isnan(found["T_set"]))
     if without.size:
         on = f"on day {boundary.day[without[0]]} " if boundary.has_day_dim else ""
         raise InputError(
-            f"no second {on}is enabled after the warm-up of {WARM_UP} s: take another day, or a longer one, "
+            f"no second {on}is enabled after the warm-up of {warm_up} s: take another day, or a longer one, "
             "or give the second as at="
         )
     return {name: means[:, None] for name, means in found.items()}

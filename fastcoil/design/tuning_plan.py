@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,10 +18,11 @@ from fastcoil.base.arguments import checking, instance_of, is_number, mapping_of
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.describing_function import unknown
-from fastcoil.design.limit_cycle import limit_cycle
-from fastcoil.design.linearise import linearise
+from fastcoil.design.limit_cycle import cycles_of
+from fastcoil.design.linearise import first_order, simc
 from fastcoil.design.measures import MARGIN, TRAVEL, Limit, Measure, goal_of, limits_of, reported
-from fastcoil.design.operating_points import mean_conditions
+from fastcoil.design.operating_points import OperatingPoints
+from fastcoil.design.plants import Columns, Plants
 from fastcoil.design.search import effort
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes
@@ -328,9 +329,9 @@ def split(loop: Loop, boundary: Boundary, holdout: object, seed: int) -> tuple[G
 
 def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
     """Margin of every loop on every day, at the mean conditions of the seconds that count."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of loops without a margin: an infinite one breaks every limit
-        return limit_cycle(loop, mean_days(boundary, warm_up), at=0)[MARGIN].reset_coords(drop=True)
+    points = OperatingPoints(loop, boundary, warm_up=warm_up)
+    found = points.evaluated(lambda columns, _, plants: [(MARGIN, cycles_of(columns, plants).margin)])
+    return points.dataset({MARGIN: (found[MARGIN], {})})[MARGIN]
 
 
 def require_margins(loop: Loop) -> None:
@@ -349,16 +350,6 @@ def theory_sha256() -> str:
     return digest.hexdigest()
 
 
-def mean_days(boundary: Boundary, warm_up: int) -> Boundary:
-    """Days of one second with the mean conditions of those that count; of all, where the plant is off throughout."""
-    found = mean_conditions(boundary, warm_up)
-    for k in np.flatnonzero(np.isnan(found["T_set"])):
-        for name, values in boundary.of_day(int(k)).items():
-            if name in found:
-                found[name][k] = values.mean()
-    return Boundary(**{name: means[:, None] for name, means in found.items()}, enabled=1.0, day=boundary.day)
-
-
 GAINS = ("kp", "ti")
 
 
@@ -370,15 +361,17 @@ def own_gains(group: Group, names: Sequence[str], warm_up: int) -> dict[str, Arr
     """
     if not set(GAINS) <= set(names):
         return {}
-    ds = linearise(group.loop, mean_days(group.boundary, warm_up), at=0)
-    n = len(group.members)
+    points = OperatingPoints(group.loop, group.boundary, warm_up=warm_up)
+
+    def gains(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterator[tuple[str, Array]]:
+        for name, values in simc(columns, plants, first_order(columns, plants))._asdict().items():
+            yield name, np.where(plants.reachable, values, np.nan)
+
     found = {}
-    for name in GAINS:
-        given = ds[f"{name}_simc"].where(ds["reachable"])
-        values = given.transpose("day", ...).values.reshape(group.boundary.n_days, -1)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of valves without a day: reported above
-            of_valves = np.broadcast_to(np.nanmedian(values, axis=0), n)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of valves without a day: reported above
+        for name, values in points.evaluated(gains).items():
+            of_valves = np.nanmedian(values.reshape(-1, group.boundary.n_days), axis=1)
             found[name] = np.where(np.isfinite(of_valves), of_valves, np.nanmedian(of_valves))
     usable = all(np.isfinite(values).all() and (values > 0.0).all() for values in found.values())
     return found if usable else {}
