@@ -241,39 +241,25 @@ def flat_dataset(
 ) -> xr.Dataset:
     """Name the results of some scenarios, along the dim ``scenario``.
 
-    index: (n,) flat indices; the others: see ``variables_of``.
+    index: (n,) flat indices; metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or
+    (n, N, n_points).
     """
-    return xr.Dataset(
-        variables_of(metrics, status, traces), coords={"scenario": index, **trace_coordinates(traces, trace_interval)}
-    )
-
-
-def variables_of(metrics: np.ndarray, status: np.ndarray, traces: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The results of some scenarios by name: (dims, values, attributes), the first dim is ``scenario``.
-
-    metrics: (len(METRICS), n); status: (n,); traces: name → (n, n_points) or (n, N, n_points).
-    """
-    variables: dict[str, Any] = {
-        output.name: (("scenario",), metrics[k], attributes(output)) for k, output in enumerate(METRICS.values())
-    }
     flags = {"flag_values": np.arange(len(STATUS_MEANINGS), dtype=np.int8), "flag_meanings": " ".join(STATUS_MEANINGS)}
-    variables["status"] = (("scenario",), status.astype(np.int8), {"long_name": "status of the scenario", **flags})
+    variables: dict[str, Any] = {
+        output.name: ("scenario", metrics[k], attributes(output)) for k, output in enumerate(METRICS.values())
+    }
+    variables["status"] = ("scenario", status.astype(np.int8), {"long_name": "status of the scenario", **flags})
+    labels = {"scenario": index}
     for name, values in traces.items():
         output = TRACES[name]
         data = np.nan_to_num(values, nan=0.0).astype(np.int8) if name == "mode" else values
         dims = ("scenario", "volume", "elapsed_time") if output.per_volume else ("scenario", "elapsed_time")
         variables[name] = (dims, data, attributes(output))
-    return variables
-
-
-def trace_coordinates(traces: Mapping[str, np.ndarray], trace_interval: int) -> dict[Hashable, xr.Variable]:
-    """Labels of the dims of traces besides ``scenario``; see ``variables_of``."""
-    labels: dict[str, np.ndarray] = {}
-    for name, values in traces.items():
         labels["elapsed_time"] = trace_interval * np.arange(values.shape[-1], dtype=float)
-        if TRACES[name].per_volume:
+        if output.per_volume:
             labels["volume"] = np.arange(1, values.shape[1] + 1)
-    return {dim: xr.Variable(dim, along, coordinate_attrs(dim)) for dim, along in labels.items()}
+    coords = {d: (d, along, coordinate_attrs(d) if d != "scenario" else {}) for d, along in labels.items()}
+    return xr.Dataset(variables, coords)
 
 
 def join_flat(
@@ -366,23 +352,15 @@ def _is_crashed(part: xr.Dataset) -> bool:
 
 def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
     """Give the flat results of all scenarios the dims and coordinates of the study."""
-    variables = {name: (v.dims, v.values, v.attrs) for name, v in whole.data_vars.items()}
-    return shaped(variables, dict(whole.coords), layout)
-
-
-def shaped(variables: Mapping[Any, Any], coords: Mapping[Hashable, Any], layout: Layout) -> xr.Dataset:
-    """Give the results of all scenarios, see ``variables_of``, the dims and coordinates of the study.
-
-    coords: those along other dims than ``scenario``.
-    """
     dims, shape = tuple(layout.sizes), tuple(layout.sizes.values())
     named = {
-        name: ((*dims, *along[1:]), values.reshape((*shape, *values.shape[1:])), attrs)
-        for name, (along, values, attrs) in variables.items()
+        name: ((*dims, *v.dims[1:]), v.values.reshape((*shape, *v.shape[1:])), v.attrs)
+        for name, v in whole.data_vars.items()
     }
     labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
-    labels |= clock_coordinates(layout.boundary, coords.get("elapsed_time"))
-    return xr.Dataset(named, coords={**labels, **coords})
+    labels |= clock_coordinates(layout.boundary, whole.variables.get("elapsed_time"))
+    along = {n: c for n, c in whole.coords.items() if n != "scenario"}
+    return xr.Dataset(named, coords={**labels, **along})
 
 
 def attributes(output: Output) -> dict[str, Any]:

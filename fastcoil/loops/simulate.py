@@ -24,7 +24,7 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import END_STATE, Plan, Shard, first_shards, plan_simulation, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
-from fastcoil.loops.scenarios import flat_dataset, shaped, trace_coordinates, variables_of
+from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.model.engine.emulator import Day
 from fastcoil.model.engine.lanes import (
     Block,
@@ -324,8 +324,8 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
         attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}
     for shard in () if several else shards:
         run(shard)
-    variables = variables_of(found.metrics, found.status, found.traces)
-    ds = shaped(variables, trace_coordinates(found.traces, plan.traces.interval), plan.layout)
+    index = np.arange(plan.n_scenarios)
+    ds = unflatten(flat_dataset(index, found.metrics, found.status, found.traces, plan.traces.interval), plan.layout)
     ds.attrs = attrs
     ds.attrs["content_sha256"] = content_sha256(ds)
     return ds
