@@ -59,7 +59,7 @@ def as_labelled(name: str, value: Any, dim: str) -> xr.DataArray | None:
         axes = [(value.index, dim if _is_time(value.index) else None), (value.columns, None)]
         return _of_pandas(name, value, axes)
     first = value[0] if isinstance(value, (list, tuple)) and value else value
-    if isinstance(first, (xr.DataArray, xr.Variable, pd.Series)) or isinstance(value, (xr.Dataset, pd.Index)):
+    if isinstance(first, (xr.DataArray, xr.Variable, pd.Series)) or isinstance(value, xr.Dataset):
         kind = type(value).__name__
         raise InputError(WrongType(f"{name} is a {kind} with labels: give one DataArray, Series or bare array"))
     return None
@@ -179,5 +179,6 @@ def differing(what: str, found: Mapping[str, Any], cure: str) -> list[str]:
 
 
 def _short(value: Any) -> str:
-    text = str(value)
+    array = np.asarray(value)
+    text = str(array.astype("M8[s]") if array.dtype.kind == "M" else value)
     return text if len(text) <= 40 else f"{text[:39]}…"

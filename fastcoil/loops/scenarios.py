@@ -18,6 +18,7 @@ from fastcoil.base.errors import InputError, IntegrityError, shown
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.clock import is_changed
 from fastcoil.loops.boundary.series import Frame, read_series
+from fastcoil.loops.labelled import Course
 from fastcoil.loops.loop import Loop, forgetting, words_used
 from fastcoil.loops.netcdf import CLOCK
 from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day
@@ -220,7 +221,7 @@ def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
     if command is None:
         return None
     problems: list[str] = []
-    known = Frame(boundary.day, boundary.n_steps, 0.0, boundary.start, boundary.time_zone or None)
+    known = Frame(boundary.n_steps, Course(boundary.day, 0.0, boundary.start, boundary.time_zone or None))
     given, _ = read_series({"command": command}, problems, known=known)
     if problems:
         raise InputError(problems)

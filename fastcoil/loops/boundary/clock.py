@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fastcoil.base.arguments import text_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.logs.timestamps import offset_text
-from fastcoil.loops.labelled import differing
+from fastcoil.loops.labelled import Course, as_labelled, differing
 
 Times: TypeAlias = NDArray[np.datetime64]
 
@@ -27,6 +27,9 @@ _OFFSET = re.compile(r"UTC(?:([+-])(\d{2}):(\d{2}))?", re.ASCII)
 _NAME = re.compile(r"[A-Za-z_]+(?:/[A-Za-z0-9_+-]+)*", re.ASCII)
 
 
+_NOTHING = Course()
+
+
 class Clock(NamedTuple):
     """When days start, (n_days,), on the clock of a time zone; None and blank if unknown."""
 
@@ -34,42 +37,48 @@ class Clock(NamedTuple):
     time_zone: str = ""
 
 
-def clock_of(
-    start: Any, time_zone: Any, n_days: int, n_steps: int, carried: Any = None, carried_zone: str | None = None
-) -> Clock:
+def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carried: Course = _NOTHING) -> Clock:
     """The clock of a boundary; one start is that of the first of consecutive days of 24 h.
 
-    carried, carried_zone: what the labels of its series say; they stand in for what is not given, or must agree.
+    day: labels of its days.  carried: what its series say; that stands in for what is not given, or must agree.
     """
     zone = time_zone_of("time_zone", time_zone)
-    if start is None and carried is None:
+    if start is None and carried.start is None:
         return Clock(None, zone)
-    if start is not None and carried is not None:
-        own = clock_of(start, zone, n_days, n_steps)
-        other = clock_of(carried, carried_zone, n_days, n_steps)
-        both = {"start": own.start, "the first sample": other.start}
-        if problems := differing("the time {}", both, "leave start out, or give bare arrays"):
-            raise InputError(problems)
-        return own
+    named = {"time_zone": zone, "the first sample": time_zone_of("time_zone", carried.time_zone)}
     if start is None:
-        start, zone = carried, zone or time_zone_of("time_zone", carried_zone)
-    elif getattr(start, "tz", None) is not None or getattr(getattr(start, "dt", None), "tz", None) is not None:
-        start = list(start)  # of pandas, with a time zone
-    elif hasattr(start, "values"):  # of xarray or pandas
-        zone = zone or time_zone_of("time_zone", getattr(start, "attrs", {}).get("time_zone"))
-        start = start.values
+        start = carried.start
+    elif hasattr(start, "to_numpy"):  # of xarray or pandas
+        array = as_labelled("start", start, "day") if hasattr(start, "dims") else None
+        labels = {} if array is None or "day" not in array.coords else {"start": array["day"].values}
+        _refuse(differing("day {}", {"the boundary": day} | labels, "align them"))
+        named["start"] = time_zone_of("time_zone", getattr(start, "attrs", {}).get("time_zone"))
+        start = start.to_numpy()
+    named = {name: one for name, one in named.items() if one}
+    _refuse(differing("the time zone {}", named, "convert to one zone"))
     several = start if isinstance(start, (list, tuple, np.ndarray)) and np.ndim(start) else [start]
     times = [_time_of(one[()] if isinstance(one, np.ndarray) else one) for one in several]
-    if len(times) not in (1, n_days):
-        raise InputError(f"start has {len(times)} times for {n_days} days: {_CURE}")
-    zone = _zone_of(times, zone)
-    found = np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]")
-    found = (found + np.timedelta64(500_000, "us")).astype(SECONDS)
-    if len(times) < n_days:
+    if len(times) not in (1, day.size):
+        raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
+    zone = _zone_of(times, next(iter(named.values()), ""))
+    found = _to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
+    if carried.start is not None:
+        both = {"start": found, "the first sample": _to_seconds(np.atleast_1d(carried.start))}
+        _refuse(differing("the time {}", both, "leave start out, or give bare arrays"))
+    if len(times) < day.size:
         if n_steps > 86400:
             raise InputError(f"start = {shown(start)}: days of {n_steps / 3600:g} h overlap, give one start for each")
-        found = found[0] + np.arange(n_days) * DAY
+        found = found[0] + np.arange(day.size) * DAY
     return Clock(found, zone)
+
+
+def _refuse(problems: list[str]) -> None:
+    if problems:
+        raise InputError(problems)
+
+
+def _to_seconds(times: Any) -> Times:
+    return np.asarray((times.astype("datetime64[us]") + np.timedelta64(500_000, "us")).astype(SECONDS))
 
 
 def time_zone_of(name: str, value: Any) -> str:

@@ -40,6 +40,7 @@ from fastcoil.loops.boundary.series import (
     series_of,
     warn_of_stops,
 )
+from fastcoil.loops.labelled import Course
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -101,12 +102,12 @@ class Boundary(Samples):
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []
         given, frame = read_series(series, problems, day=day)
-        labels, n_steps = np.asarray(frame.day), frame.n_steps
+        labels, n_steps = np.asarray(frame.course.day), frame.n_steps
         if n_steps is None and not problems:
             problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
         clock = Clock()
         with collecting(problems):
-            clock = clock_of(start, time_zone, labels.size, n_steps or 0, frame.start, frame.time_zone)
+            clock = clock_of(start, time_zone, labels, n_steps or 0, frame.course)
         if problems:
             # Series that share a coordinate share its mistakes.
             raise InputError(list(dict.fromkeys(problems)))
@@ -147,9 +148,8 @@ class Boundary(Samples):
         series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
         clock = {"start": self.start, "time_zone": self.time_zone}
         clock |= {name: changes[name] for name in clock if name in changes}
-        known = Frame(label, self.n_steps, 0.0, None if "start" in changes else self.start)
-        if "day" in changes and self._make is None:
-            known = known._replace(day=None)
+        day = None if "day" in changes and self._make is None else label
+        known = Frame(self.n_steps, Course(day, 0.0, None if "start" in changes else self.start))
         problems: list[str] = []
         given, frame = read_series(series, problems, day=changes.get("day"), known=known)
         if problems:
@@ -157,7 +157,7 @@ class Boundary(Samples):
         if self._make is not None:
             replaced = {name: None if changes[name] is None else one for name, one in given.items()}
             make = partial(replaced_day, self._make, replaced) if series else self._make
-            return Boundary._stream(make, np.asarray(frame.day), self.n_steps, **clock, by_air=by_air)
+            return Boundary._stream(make, np.asarray(frame.course.day), self.n_steps, **clock, by_air=by_air)
         kept = {str(name): values.values for name, values in self._ds.data_vars.items()}
         if self._by_air and "m_a" in changes:
             del kept["enabled"]
@@ -170,7 +170,7 @@ class Boundary(Samples):
         cls, make: Maker, day: NDArray[Any], n_steps: int, start: Any, time_zone: Any, by_air: bool = False
     ) -> Boundary:
         """Days that are made by position."""
-        clock = clock_of(start, time_zone, day.size, n_steps)
+        clock = clock_of(start, time_zone, day, n_steps)
         return cls.of(dataset_of({}, day, n_steps, clock), make=make, time_zone=clock.time_zone, by_air=by_air)
 
     def isel(self, day: Any) -> Boundary:

@@ -27,6 +27,7 @@ from fastcoil.loops.boundary.series import (
     series_of,
     warn_of_stops,
 )
+from fastcoil.loops.labelled import Course
 
 Made = Mapping[str, Any]
 """Series of a day by name, as a user gives them."""
@@ -305,7 +306,7 @@ def checked_day(made: Made, label: int, n_steps: int, start: Any = None) -> tupl
         )
     problems: list[str] = []
     values = {name: made.get(name) for name in BOUNDARY_SERIES}
-    frame = Frame(np.asarray(label), n_steps, start=start)
+    frame = Frame(n_steps, Course(np.asarray(label), start=start))
     given, _ = read_series(values, problems, known=frame)
     if problems:
         raise InputError([f"day {label}: {problem}" for problem in problems])

@@ -45,13 +45,10 @@ class Given(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """What all series of a boundary share: labels of the days, samples of each, and the time of the first."""
+    """What all series of a boundary share: the number of samples of a day, and what their labels say."""
 
-    day: NDArray[Any] | None = None
     n_steps: int | None = None
-    second: float | None = None
-    start: NDArray[np.datetime64] | None = None
-    time_zone: str | None = None
+    course: Course = Course()
 
 
 def read_series(
@@ -73,14 +70,15 @@ def read_series(
     }
     cure = "give every series the same number"
     n_steps = _agreed("{} samples", frame.n_steps, sizes["elapsed_time"], problems, cure)
-    n_days = _agreed("{} days", None if frame.day is None else frame.day.size, sizes["day"], problems, cure)
+    known_days = None if frame.course.day is None else frame.course.day.size
+    n_days = _agreed("{} days", known_days, sizes["day"], problems, cure)
     course = {
-        field: _agreed(text, getattr(frame, field), _carried(given, field), problems, f"align them, or {cure}")
+        field: _agreed(text, getattr(frame.course, field), _carried(given, field), problems, f"align them, or {cure}")
         for field, text, cure in _LABELS
     }
-    labels = frame.day if day is None and frame.day is not None else course["day"]
-    if day is not None or labels is not None:
-        labels = label_array(labels if day is None else day, problems)
+    labels = course["day"] if day is None else day
+    if labels is not None:
+        labels = label_array(labels, problems)
     if labels is None:
         labels = np.arange(n_days) if n_days else np.asarray(0)
     elif n_days is not None and labels.size != n_days:
@@ -89,7 +87,7 @@ def read_series(
         labels = np.atleast_1d(labels)
     for name, one in given.items():
         problems += _value_problems(COLUMNS[name], one, labels)
-    return given, Frame(labels, n_steps, course["second"], course["start"], course["time_zone"])
+    return given, Frame(n_steps, Course(**course | {"day": labels}))
 
 
 _LABELS = (
