@@ -26,10 +26,14 @@ COMPILER = ("numba.np.arraymath", "numba.cpython.listobj", "numba.typed.typeddic
 """Parts of Numba that compile, and that nothing needs that is compiled already."""
 
 
+WITHOUT_DASK = "import sys; sys.modules['dask'] = None; from fastcoil.__main__ import run; run()"
+"""As where this extra is not installed: xarray imports it if it can."""
+
+
 def loaded_by(folder, *command):
     """The modules that a command loads, in a process of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    words = [sys.executable, "-X", "importtime", "-m", "fastcoil", *command]
+    words = [sys.executable, "-X", "importtime", "-c", WITHOUT_DASK, *command]
     done = subprocess.run(words, env=environment, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
     lines = [line for line in done.stderr.splitlines() if line.startswith("import time:")]
