@@ -23,16 +23,10 @@ UNFINISHED = ".tmp"
 _CHUNK = 1 << 20  # bytes read at once
 _LOOKS = ("read", "found", "read by another process")  # operations that need no space on the disk
 _PROBE = 1 << 20  # bytes written to find out whether the disk is full
-_LONGEST_NAME, _LONGEST_PATH = 255, 4000
-"""Bytes.  Linux allows paths of 4,096; fastcoil appends file names to the path of a folder."""
+_LONGEST_NAME = 255  # bytes
 _LONGEST_OF_OURS = 200  # bytes of a name made by ``file_name``
-_KINDS = {
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFLNK: "a link",
-}
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
+"""Begins ``s3://bucket`` and ``https://host``, also as a `Path`, which drops one of the slashes; no drive letter."""
 
 
 class TooLargeError(ValueError):
@@ -122,24 +116,21 @@ def file_name(name: str) -> str:
 
 
 def require_usable(path: Path, cure: str) -> None:
-    """Raise an `InputError` for a path that no file can have: not encodable, with NUL, too long, a loop of links."""
-    name = shown(str(path))
+    """Raise an `InputError` for a path that no local file can have: an address, a NUL, a name too long, a loop."""
+    if _ADDRESS.match(str(path)):
+        raise InputError(f"{shown(str(path))} is an address, and fastcoil reads and writes local files: {cure}")
+    reason = ""
     try:
-        encoded = os.fsencode(path)
-    except UnicodeEncodeError:
-        raise InputError(f"{name} contains an unpaired surrogate, which no path can: {cure}") from None
-    if b"\0" in encoded:
-        raise InputError(f"{name} contains the character NUL, which no path can: {cure}")
-    longest = max(map(len, encoded.split(b"/")))
-    if longest > _LONGEST_NAME:
-        raise InputError(f"{name} has a name of {longest:,} bytes, the limit is {_LONGEST_NAME}: {cure}")
-    if len(encoded) > _LONGEST_PATH:
-        raise InputError(f"{name} has {len(encoded):,} bytes, the limit of a path is {_LONGEST_PATH:,}: {cure}")
-    try:
+        if max(map(len, os.fsencode(path).split(b"/"))) > _LONGEST_NAME:
+            reason = os.strerror(errno.ENAMETOOLONG)  # also in a folder that does not exist yet
         path.stat()
+    except ValueError as error:  # NUL, or a surrogate that no encoding has
+        reason = str(error)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
-            raise InputError(f"{name} is not a usable path ({error.strerror}): {cure}") from None
+            reason = os.strerror(error.errno)
+    if reason:
+        raise InputError(f"{shown(str(path))} is not a usable path ({reason}): {cure}")
 
 
 def _require_regular(found: os.stat_result) -> None:
@@ -147,7 +138,7 @@ def _require_regular(found: os.stat_result) -> None:
     if kind == stat.S_IFDIR:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if kind != stat.S_IFREG:
-        raise IrregularError(f"is {_KINDS.get(kind, 'something else')}, not a file")
+        raise IrregularError("is not a regular file")
 
 
 def commit(path: Path, data: bytes | memoryview) -> None:

@@ -13,16 +13,13 @@ from fastcoil.base.files import read_bytes
 PROC = Path("/proc")
 CGROUPS = Path("/sys/fs/cgroup")
 _LARGEST = 2**20  # bytes read from a file of /proc or /sys at most
-_V2 = (("memory.max", "memory.high"), "memory.current", "inactive_file")
-_V1 = (("memory.limit_in_bytes",), "memory.usage_in_bytes", "total_inactive_file")
-"""File names of the limits and of the usage, and the reclaimable field in ``memory.stat``."""
 
 
 def available_memory() -> int:
     """Bytes of memory that this process can use without swapping or being killed.
 
-    The minimum of the machine's available memory, the remainder in each control group (v2 and v1) of this process and
-    its parents, and the limits on address space and data.  A limit that cannot be read is ignored.
+    The minimum of the machine's available memory, the remainder in the control group (v2) of this process and in each
+    of its parents, and the limits on address space and data.  A limit that cannot be read is ignored.
     """
     return min([_of_machine(), *_of_groups(), *_of_process()])
 
@@ -43,25 +40,20 @@ def _of_machine() -> int:
 
 
 def _of_groups() -> Iterator[int]:
+    """Memory left in the control group of this process and in each of its parents."""
     for line in _text(PROC / "self" / "cgroup").splitlines():
-        number, _, rest = line.partition(":")
-        controllers, _, path = rest.partition(":")
-        if number == "0" and not controllers:
-            for mount in (CGROUPS, CGROUPS / "unified"):
-                yield from _of_levels(mount, path, *_V2)
-        elif "memory" in controllers.split(","):
-            yield from _of_levels(CGROUPS / "memory", path, *_V1)
-
-
-def _of_levels(mount: Path, path: str, limits: tuple[str, ...], used: str, reclaimable: str) -> Iterator[int]:
-    """Memory left in a group and in each of its parents.  In a container, ``path`` may lie outside the mount."""
-    names = [name for name in path.split("/") if name not in ("", ".", "..")]
-    for depth in range(len(names), -1, -1):
-        group = mount.joinpath(*names[:depth])
-        bounds = [bound for bound in (_number(group / name) for name in limits) if bound is not None]
-        taken = _number(group / used)
-        if bounds and taken is not None:
-            yield max(min(bounds) - taken + _fields(group / "memory.stat").get(reclaimable, 0), 0)
+        if not line.startswith("0::"):  # version 1
+            continue
+        # in a container, the path may lie outside the mount
+        names = [name for name in line.removeprefix("0::").split("/") if name not in ("", ".", "..")]
+        for mount in (CGROUPS, CGROUPS / "unified"):
+            for depth in range(len(names), -1, -1):
+                group = mount.joinpath(*names[:depth])
+                bounds = [_number(group / limit) for limit in ("memory.max", "memory.high")]
+                taken = _number(group / "memory.current")
+                if taken is not None and any(bound is not None for bound in bounds):
+                    reclaimable = _fields(group / "memory.stat").get("inactive_file", 0)
+                    yield max(min(b for b in bounds if b is not None) - taken + reclaimable, 0)
 
 
 def _of_process() -> Iterator[int]:

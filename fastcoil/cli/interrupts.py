@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 import click
 
 from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
-from fastcoil.cli.terminal import check_environment, complain, say
+from fastcoil.cli.terminal import complain, say
 
 _PATIENCE = 4.0  # seconds from an interrupt to the forced end of the process
 
@@ -27,7 +27,6 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             with plain_warnings():
-                check_environment()
                 return super().invoke(ctx)
         except FastcoilError as error:
             complain(error)

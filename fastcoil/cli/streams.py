@@ -43,28 +43,6 @@ class Output(io.RawIOBase):
         return os.isatty(self._descriptor)
 
 
-class _Buffer(io.BufferedWriter):
-    """``close`` and ``detach`` only flush: a study's own code may call them."""
-
-    def close(self) -> None:
-        self.flush()
-
-    def detach(self) -> Any:
-        self.flush()
-        return self.raw
-
-
-class _Text(io.TextIOWrapper):
-    """The same for text."""
-
-    def close(self) -> None:
-        self.flush()
-
-    def detach(self) -> Any:
-        self.flush()
-        return self.buffer
-
-
 class Streams(NamedTuple):
     """Standard output and standard error."""
 
@@ -104,4 +82,6 @@ def _output(stream: TextIO | None, descriptor: int) -> Output:
 
 def _text(output: Output, before: TextIO | None) -> TextIO:
     encoding = "utf-8" if before is None else before.encoding
-    return _Text(_Buffer(output), encoding=encoding, errors="backslashreplace", line_buffering=True)
+    return io.TextIOWrapper(
+        io.BufferedWriter(output), encoding=encoding, errors="backslashreplace", line_buffering=True
+    )

@@ -1,15 +1,14 @@
-"""Output to the terminal, announcements of long or delicate work, and a check of environment variables."""
+"""Output to the terminal, and announcements of long or delicate work."""
 
 from __future__ import annotations
 
 import contextlib
 import io
-import os
 from typing import TYPE_CHECKING
 
 import click
 
-from fastcoil.base.errors import FastcoilError, InputError, shown
+from fastcoil.base.errors import FastcoilError
 from fastcoil.base.text import printable
 
 if TYPE_CHECKING:
@@ -52,24 +51,3 @@ def run_own_code(what: str, source: Source) -> object:
     finally:
         for err, text in printed.items():
             say(*text.getvalue().splitlines(), err=err)
-
-
-_RANGES = {"NUMBA_NUM_THREADS": (1, 2**16), "SOURCE_DATE_EPOCH": (0, 253_402_300_799)}
-"""Ranges of integers read by Numba and matplotlib; the last limit is the end of the year 9999."""
-
-
-def check_environment() -> None:
-    """Raise an `InputError` for environment variables that the libraries do not accept."""
-    problems = []
-    for name, (least, most) in _RANGES.items():
-        value = os.environ.get(name, "")
-        try:
-            usable = not value or least <= int(value) <= most
-        except ValueError:
-            usable = False
-        if not usable:
-            problems.append(
-                f"{name} = {shown(value)} in the environment: unset it, or give a whole number from {least} to {most}"
-            )
-    if problems:
-        raise InputError(problems)

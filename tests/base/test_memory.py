@@ -75,19 +75,6 @@ def test_the_path_of_a_group_that_is_not_mounted_here_leads_to_the_root(files):
     assert memory.available_memory() == 99 * MIB
 
 
-def test_a_control_group_of_version_1(files):
-    group = "cgroup/memory/docker/1"
-    files({
-        "proc/self/cgroup": "9:cpu,cpuacct:/\n4:memory:/docker/1\n0::/\n",
-        f"{group}/memory.limit_in_bytes": 500 * MIB, f"{group}/memory.usage_in_bytes": 480 * MIB,
-        f"{group}/memory.stat": f"cache 1\ntotal_inactive_file {30 * MIB}\n",
-        "cgroup/memory/memory.limit_in_bytes": 9223372036854771712, "cgroup/memory/memory.usage_in_bytes": 1,
-    })  # fmt: skip
-    assert memory.available_memory() == 50 * MIB
-    files({f"{group}/memory.usage_in_bytes": 600 * MIB})
-    assert memory.available_memory() == 0
-
-
 @pytest.mark.parametrize(("name", "field"), [("RLIMIT_AS", "VmSize:"), ("RLIMIT_DATA", "VmData:")])
 def test_limits_of_the_process_less_what_it_has(files, name, field, monkeypatch):
     number = getattr(resource, name)
@@ -101,8 +88,7 @@ def test_limits_of_the_process_less_what_it_has(files, name, field, monkeypatch)
 @pytest.mark.parametrize("odd", [b"", b"\xff\xfe", b"-5", b"9" * 500, b"1.5", b"max 3", b"x" * 2**21, b"\0"])
 def test_whatever_is_odd_is_no_limit(files, odd):
     files({"proc/self/cgroup": "4:memory:/\n0::/\n:::\n0::\n"})
-    for name in ("cgroup/memory.max", "cgroup/memory/memory.limit_in_bytes"):
-        files({name: odd, "cgroup/memory.current": 1, "cgroup/memory/memory.usage_in_bytes": 1})
+    files({"cgroup/memory.max": odd, "cgroup/memory.current": 1})
     assert memory.available_memory() == 4096000 * 1024
     files({"proc/self/cgroup": odd, "proc/meminfo": odd})
     assert memory.available_memory() == os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

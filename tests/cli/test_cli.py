@@ -109,16 +109,6 @@ def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
     assert "--at: 'backlash' is given twice: give it once" in twice.output
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("NUMBA_NUM_THREADS", "0"), ("SOURCE_DATE_EPOCH", "abc"), ("SOURCE_DATE_EPOCH", "9" * 15)]
-)
-def test_a_setting_that_a_library_would_fail_at_is_a_mistake(fastcoil, monkeypatch, name, value):
-    monkeypatch.setenv(name, value)
-    result = fastcoil("plan", "small.toml")
-    assert result.exit_code == 2
-    assert f"fastcoil: {name} = '{value}' in the environment: unset it" in result.output
-
-
 def test_failed_scenarios_exit_with_3(fastcoil, monkeypatch):
     from fastcoil.loops import simulate as simulation
 

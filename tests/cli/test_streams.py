@@ -119,35 +119,3 @@ def test_a_slow_reader_of_a_pipe_that_does_not_block_gets_everything():
     os.close(writing)
     assert output.lost is None
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-
-
-@pytest.mark.parametrize(
-    "deed",
-    [
-        "sys.stdout.close(); sys.stderr.close()",
-        "sys.stdout.buffer.close(); sys.stderr.detach()",
-        "os.close(1); os.close(2)",
-    ],
-)
-def test_code_that_closes_the_streams_silences_nothing(tmp_path, deed):
-    code = f"""
-import os, sys
-from fastcoil.cli.streams import guard_streams
-from fastcoil.cli.terminal import say
-streams = guard_streams()
-{deed}
-open("results", "wb").write(b"numbers")
-say("said")
-say("complained", err=True)
-sys.exit(3 if streams.loss() else 0)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        check=False,
-        timeout=60,
-        capture_output=True,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, b"said\n", b"complained\n")
-    assert (tmp_path / "results").read_bytes() == b"numbers"
