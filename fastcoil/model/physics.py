@@ -42,8 +42,13 @@ def started(position, x_bl, x):
 
 @scalar
 def opening(q, x_bl):
-    """Valve opening α q with α = 1/(1 - x_BL), so that a full command opens fully.  Eq (1)."""
-    return q / (1.0 - x_bl)
+    """Valve opening α q with α = 1/(1 - x_BL), so that a full command opens fully.  Eq (1).
+
+    x_bl: the backlash that the valve was commissioned with.  A gap that has grown since leaves α as it is: it moves no
+    stem that stands still, and a full command no longer opens fully.  With a smaller gap the stem meets its stop early.
+    """
+    open = q / (1.0 - x_bl)
+    return 1.0 if open > 1.0 else open
 
 
 @scalar

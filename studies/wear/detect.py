@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
+from fastcoil.model.physics import installed_valve
 from studies.common import progress
 from studies.days import CONSTANT, STEPPED, of_kind
 from studies.remedies.runs import picked
@@ -39,13 +40,16 @@ PLANTS = {"known": (1.0, 1.0), "5 % off": (0.95, 1.05), "15 % off": (0.85, 1.15)
 def predicted(valve: fc.Loop, days: fc.Boundary, command: np.ndarray) -> xr.DataArray:
     """Temperature that the controller would measure with each gap and each plant, °C, over every INTERVAL.
 
-    command: (day, second).
+    valve: its ``backlash`` is that of its commissioning.  command: (day, second).
     """
-    conductances, flows = (("plant", list(factors)) for factors in zip(*PLANTS.values(), strict=True))
-    factor = xr.DataArray(conductances[1], dims="plant")
-    given = {name: factor * float(valve[name]) for name in ("beta1", "beta3", "beta5")}
-    given["m_full"] = xr.DataArray(flows[1], dims="plant") * float(valve["m_full"])
-    models = valve.assign(**given, backlash=("candidate", list(CANDIDATES)), noise_std=0.0, estimator="none")
+    conductances, flows = (xr.DataArray(list(factors), dims="plant") for factors in zip(*PLANTS.values(), strict=True))
+    given = {name: conductances * float(valve[name]) for name in ("beta1", "beta3", "beta5")}
+    m_max, a, b, c = installed_valve(*(float(valve[name]) for name in ("rangeability", "authority", "m_full")))
+    # a model opens by q / (1 - its own gap), the valve by q / (1 - that of its commissioning): the curve makes up for it
+    sizes = xr.DataArray(list(CANDIDATES), dims="candidate")
+    wider = (1.0 - sizes) / (1.0 - float(valve["backlash"]))
+    given |= {"m_max": flows * m_max, "valve_a": a, "valve_b": b * wider, "valve_c": c / wider}
+    models = valve.assign(**given, backlash=sizes, noise_std=0.0, estimator="none")
     ds = fc.simulate(
         models, days, command=command, carry_over=True, traces=["T_measured"], trace_interval=INTERVAL, n_jobs=1
     )
@@ -91,7 +95,9 @@ LARGER = 3.0
 STEADY, GOOD, AT_ONCE, SLOWLY = "constant gap", "no gap", "three times as large at once", "within five days"
 KINDS = (STEPPED, CONSTANT)
 GAPS = (0.03, 0.12)
-"""Between which the gaps lie at the end, fraction of stroke."""
+"""Between which the gaps lie once they have grown, fraction of stroke."""
+LEAST_C_W = 10.0
+"""kJ/K per volume; the models without a gap open further than the valve, and would be unstable with less water."""
 CHOSEN_ON, FRESH = (7501,), (7601, 7701)
 """First days of the sequences that the thresholds are chosen on, and of those that are quoted."""
 VALVES = {CHOSEN_ON: slice(0, 16), FRESH: slice(16, 40)}
@@ -122,15 +128,16 @@ def scale_of(case: str, n_steps: int) -> np.ndarray:
     second = np.arange(SEQUENCE * n_steps, dtype=float)
     since = (second - BEFORE * n_steps) / ((SEQUENCE - BEFORE) * n_steps)
     grown = {STEADY: 0.0 * since, GOOD: 0.0 * since, AT_ONCE: since >= 0.0, SLOWLY: np.clip(since, 0.0, 1.0)}[case]
-    return ((1.0 + (LARGER - 1.0) * grown) / LARGER).reshape(SEQUENCE, n_steps)
+    return (1.0 + (LARGER - 1.0) * grown).reshape(SEQUENCE, n_steps)
 
 
 def drawn(case: str, which: tuple[int, ...]) -> fc.Loop:
-    """Valves with the gaps of a case at its end."""
+    """Valves with the gaps of a case at its start, those of their commissioning."""
     loop = picked(valves(), sample=VALVES[which])
     n = xr.DataArray(loop["backlash"]).sizes["sample"]
     gaps = np.random.default_rng([which[0], 3]).uniform(*GAPS, n)
-    return loop.assign(backlash=("sample", gaps * (case != GOOD)))
+    inert = xr.DataArray(loop["C_w"]).clip(LEAST_C_W)
+    return loop.assign(backlash=("sample", gaps / LARGER * (case != GOOD)), C_w=inert)
 
 
 def estimates(case: str, kind: str, which: tuple[int, ...]) -> xr.DataArray:

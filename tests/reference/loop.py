@@ -144,7 +144,7 @@ def simulate(
         position = motor.move(cmd, p["command_resolution"], p["stroke_time"])
         gaps.append(gap_after(p, travelled, scale[t]))
         # a stem in a gap that has become smaller is at its flank
-        x, opening = backlash(position, position_previous, min(x, gaps[t]), gaps[t])
+        x, opening = backlash(position, position_previous, min(x, gaps[t]), gaps[t], p["backlash"])
         if p["slip_jump"] > 0.0:
             opening = stem.move(position)[1]
         travelled += abs(opening - opening_before)

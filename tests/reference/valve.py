@@ -24,13 +24,14 @@ def actuator_position(command, position, resolution, stroke_time):
     return target
 
 
-def backlash(cmd, cmd_previous, x_previous, x_bl):
+def backlash(cmd, cmd_previous, x_previous, x_bl, commissioned=None):
     """Eq (1), the three branches as printed.  Returns the state x [strokes] and the opening [fraction].
 
     cmd and cmd_previous are the motor positions of this step and the one before, x_previous the state of
-    the step before and x_bl the backlash, all in strokes.  alpha = 1/(1 - x_bl) lets the opening span 0..1.
+    the step before and x_bl the backlash, all in strokes.  alpha lets the opening span 0..1 with the backlash
+    as commissioned (None: x_bl); a backlash that has changed since leaves alpha, and the stops of the valve.
     """
-    alpha = 1.0 / (1.0 - x_bl)
+    alpha = 1.0 / (1.0 - (x_bl if commissioned is None else commissioned))
     change = cmd - cmd_previous
     if change >= x_bl - x_previous:  # on the increasing curve
         x = x_bl
@@ -41,7 +42,7 @@ def backlash(cmd, cmd_previous, x_previous, x_bl):
     else:  # on the decreasing curve
         x = 0.0
         opening = alpha * cmd
-    return x, opening
+    return x, min(opening, 1.0)
 
 
 def richards_valve(opening, m_max, a, b, c):

@@ -301,7 +301,7 @@ def actuate(S, counted, has_resolution, has_zones, slips, wears):
     moved, running = False, False
     for j in range(LANES):
         target = accepted(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
-        previous, x_bl = S[R.position + j], S[R.gap + j]
+        previous, x_bl, commissioned = S[R.position + j], S[R.gap + j], S[R.backlash + j]
         if has_zones:
             runs = S[R.motor_runs + j] != 0.0
             position, runs = driven(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
@@ -315,10 +315,10 @@ def actuate(S, counted, has_resolution, has_zones, slips, wears):
             q, direction = slipped(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
             S[R.stem_direction + j] = direction
             running |= direction != 0.0  # it sticks in the second in which the motor has stopped
-            open_ = opening(q, x_bl - S[R.slip_jump + j])
+            open_ = opening(q, commissioned - S[R.slip_jump + j])
         else:
             q = backlash(S[R.q + j], position, x_bl)
-            open_ = opening(q, x_bl)
+            open_ = opening(q, commissioned)
         d_opening, d_position = open_ - S[R.opening + j], position - previous
         if counted:
             account_travel(S, j, d_opening, d_position)

@@ -84,6 +84,39 @@ def test_a_loop_that_settles_with_backlash_alone_hunts_with_a_neutral_zone_or_st
     assert float(real.hunting_swing) > 0.3
 
 
+# A gap that changes
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("more", [{}, {"slip_jump": 0.02}])
+@pytest.mark.parametrize("approach", [0.0, 1.0])
+def test_a_gap_that_grows_moves_no_stem_while_its_motor_stands_still(more, approach):
+    seconds = np.arange(3600)
+    day = fc.constant_day(hours=1).assign(backlash_scale=np.select([seconds < 1800, seconds < 2700], [1.0, 3.0], 8.0))
+    command = np.where(seconds < 600, approach, 0.5)
+    ds = fc.simulate(fc.Loop(backlash=0.05, **more), day, command=command, traces=["opening"], warm_up=1000)
+    after = ds.opening.values[700:]
+    np.testing.assert_array_equal(after, after[0])
+    # Eq (1) on the flank: α is that of 5 %, whatever the gap
+    play = 0.05 - more.get("slip_jump", 0.0)
+    assert after[0] == pytest.approx((0.5 - (0.0 if approach else play)) / (1.0 - play), abs=1e-15)
+    assert float(ds.backlash_final) == pytest.approx(0.4)
+
+
+@pytest.mark.kernel
+def test_a_worn_valve_no_longer_opens_fully_and_one_with_less_play_meets_its_stop():
+    seconds = np.arange(3600)
+    day = fc.constant_day(hours=1).assign(backlash_scale=np.where(seconds < 1800, 2.0, 0.5))
+    command = np.interp(seconds % 1800, [0, 600, 1200, 1800], [0.0, 1.0, 1.0, 0.0])
+    opening = fc.simulate(fc.Loop(backlash=0.1), day, command=command, traces=["opening"], warm_up=60).opening.values
+    assert opening[:1800].max() == pytest.approx(0.8 / 0.9)
+    assert opening[1800:].max() == 1.0
+    # 5 % of play are left: it is fully open from 95 %, and leaves the stop where the motor has come back to 90 %
+    open_ = np.flatnonzero(opening[1800:] == 1.0)
+    assert command[1800:][open_[0]] == pytest.approx(0.95, abs=2e-3)
+    assert command[1800:][open_[-1]] == pytest.approx(0.9, abs=2e-3)
+
+
 # Leakage
 
 

@@ -43,7 +43,7 @@ def test_equals_the_published_chart(S, J):
     q, direction = stem(positions, S, J)
     openings, directions = np.array(charted).T
     np.testing.assert_array_equal(direction, directions)
-    np.testing.assert_allclose(opening(q, S - J), openings, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose([opening(each, S - J) for each in q], openings, rtol=0.0, atol=1e-15)
     assert {-1.0, 0.0, 1.0} == set(direction)
 
 
@@ -69,7 +69,7 @@ def test_homogeneity(positions, S, share):
 def test_the_opening_stays_between_0_and_1_and_a_turned_stem_jumps_by_j_at_least(positions, S, share):
     J = share * S
     q, direction = stem(positions, S, J)
-    openings = opening(q, S - J)
+    openings = np.array([opening(each, S - J) for each in q])
     assert np.all((openings >= 0.0) & (openings <= 1.0))
     before = np.concatenate([[0.0], direction[:-1]])
     jumps = np.abs(np.diff(q, prepend=0.0))[(direction != 0.0) & (direction != before)]
