@@ -43,7 +43,8 @@ def test_tables_and_lists_inside_each_other_have_an_end():
     assert "x.a has more than 20 tables or lists inside each other" in only_problem(
         parse_toml, "x.a = " + "[" * 30 + "]" * 30, "s.toml"
     )
-    assert "without end: give at most 20" in only_problem(parse_toml, "x = " + "[" * 5000 + "]" * 5000, "s.toml")
+    # deeper than Python goes, or not, where hypothesis has raised its limit
+    assert "give at most 20" in only_problem(parse_toml, "x = " + "[" * 5000 + "]" * 5000, "s.toml")
 
 
 @pytest.mark.parametrize(
