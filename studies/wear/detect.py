@@ -45,7 +45,7 @@ def predicted(valve: fc.Loop, days: fc.Boundary, command: np.ndarray) -> xr.Data
     conductances, flows = (xr.DataArray(list(factors), dims="plant") for factors in zip(*PLANTS.values(), strict=True))
     given = {name: conductances * float(valve[name]) for name in ("beta1", "beta3", "beta5")}
     m_max, a, b, c = installed_valve(*(float(valve[name]) for name in ("rangeability", "authority", "m_full")))
-    # a model opens by q / (1 - its own gap), the valve by q / (1 - that of its commissioning): its curve makes up for it
+    # a model opens by q / (1 - its own gap), the valve by q / (1 - that of its commissioning)
     sizes = xr.DataArray(list(CANDIDATES), dims="candidate")
     wider = (1.0 - sizes) / (1.0 - float(valve["backlash"]))
     given |= {"m_max": flows * m_max, "valve_a": a, "valve_b": b * wider, "valve_c": c / wider}
