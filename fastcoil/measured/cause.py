@@ -64,11 +64,13 @@ def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
         if identified:
             return Cause(BACKLASH, "the loop would not hunt without it")
         size = 100 * fitted.backlash
-        return Cause(UNKNOWN, f"it would with a gap of {size:.2g} % and not without, but the log does not tell the gap")
+        return Cause(
+            UNKNOWN, f"it would hunt with a gap of {size:.2g} % and not without, but the gap is not identified"
+        )
     if with_gap == 0 and fitted.margin < FITTED_HUNTS_ABOVE:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
     return Cause(
-        UNKNOWN, "whether the loop would hunt by itself turns on a tenth of its gain, which the log does not tell"
+        UNKNOWN, "a 10 % change of its gain decides whether the loop would hunt by itself; the log cannot resolve it"
     )
 
 

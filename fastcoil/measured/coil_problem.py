@@ -17,6 +17,7 @@ from fastcoil.logs.series import counted, first_row
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.loops.simulate import within
+from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.least_squares import FORBIDDEN, Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.measured.part import Part, unbroken
 from fastcoil.model import moist_air
@@ -126,6 +127,7 @@ def in_operation(log: Log) -> Log:
 
     A batch ends at each of them, as it does at a gap.
     """
+    require_agreement(log)
     m_a, enabled = log.values["m_a"], log.values.pop("enabled", np.ones(log.time.size))
     on = (m_a > _STILL * np.quantile(m_a, _MOSTLY)) & (enabled != 0.0)
     if not on.any():

@@ -12,10 +12,11 @@ from fastcoil.base.arguments import checking, number_of
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
+from fastcoil.measured.agreement import LEAST_ANSWERED, answered, note_of_heat, require_agreement
 from fastcoil.measured.cause import cause_of, predictions_of
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, on_grid
+from fastcoil.measured.grid import Grid, held, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, identify_backlash
 from fastcoil.measured.measures import Measures, measures_of
 
@@ -29,6 +30,7 @@ size is claimed."""
 WIDEST = 0.1  # interval of a backlash that may be claimed, fraction of stroke
 
 
+@np.errstate(all="ignore")
 def diagnose(
     log: Any,
     stroke_time: float | None = None,
@@ -76,6 +78,7 @@ def diagnose(
     if hasattr(log, "data_vars") and "T_measured" in log and "T_sup" not in (columns or {}):
         log = log.assign(T_sup=log["T_measured"])
     data = read_log(log, _WANTED, how)
+    require_agreement(data)
     grid, notes = on_grid(data)
     values, interval = grid.values, grid.interval
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
@@ -90,6 +93,7 @@ def diagnose(
         values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on
     )
     cause = cause_of(measures, loop, identified=found.identified)
+    notes += note_of_heat(data, np.nan if isinstance(loop, str) else loop.pi.kp)
     doubt = loop if isinstance(loop, str) else loop.doubt
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
     if not isinstance(loop, str):
@@ -152,6 +156,11 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
             f"the temperature is logged when it has changed by {grid.increment:.2g} K, which looks like a gap: log it "
             "at fixed times, or at changes of 0.05 K"
         )
+    elif (share := _answered(grid, round(found.late / grid.interval))) < LEAST_ANSWERED:
+        reason = (
+            f"a PI of this temperature explains only {100 * share:.0f} % of the command's changes: check that both are "
+            "of one loop and one clock; a loop under another law gives no size"
+        )
     elif found.high - found.low > WIDEST:
         low, high = found.low, found.high
         reason = (
@@ -161,6 +170,17 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
     else:
         return found
     return found._replace(low=low, high=high, identified=False, reason=reason)
+
+
+def _answered(grid: Grid, late: int) -> float:
+    """Share of the command that answers the temperature; ``late``: samples by which the temperature stands late."""
+    if "T_set" not in grid.values:
+        return 1.0
+    command, T, T_set = (grid.values[name] for name in ("command", "T_sup", "T_set"))
+    n = command.size - max(late, 0)
+    known = grid.on & np.isfinite(command) & np.isfinite(T_set)
+    command, T, T_set, good = command[:n], T[max(late, 0) :], T_set[:n], (known[:n] & np.isfinite(T)[max(late, 0) :])
+    return answered(held(command), T, T_set, good, grid.interval)
 
 
 def _signals(grid: Grid, measures: Measures) -> xr.Dataset:

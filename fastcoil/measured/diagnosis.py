@@ -32,7 +32,7 @@ INDICES = {
     "ti": ("s", "integral time of the controller"),
     "sample_time": ("s", "time between samples of the controller"),
     "plant_gain": ("K", "change of the temperature over the stroke"),
-    "margin": ("1", "margin max |L||N| of the describing function: above 0.8 a gap makes it hunt"),
+    "margin": ("1", "margin max |L||N| of the describing function; about 0.8 or more in loops that hunt"),
 }
 """Unit and meaning of each index."""
 
@@ -125,7 +125,7 @@ def _gap(d: Diagnosis) -> str:
     if d.identified:
         return f"Gap: none to speak of, {within}" if d.backlash <= GOOD else f"Gap: {within}"
     probable = "" if np.isnan(d.backlash) else f"; most probable {within.replace(' of the stroke', '')}"
-    return f"Gap: cannot tell{probable}: {d.reason}"
+    return f"Gap: not identified{probable}: {d.reason}"
 
 
 def _hunting(d: Diagnosis) -> str:
@@ -135,7 +135,7 @@ def _hunting(d: Diagnosis) -> str:
         error = float(d.indices["error_rms_settled"])
         return f"Hunting: none: its error is {error:.2g} K (RMS, settled)" if np.isfinite(error) else "Hunting: none"
     if not d.hunts:
-        return f"Hunting: cannot tell: {d.because}"
+        return f"Hunting: not clear: {d.because}"
     every = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
     blamed = {
@@ -162,7 +162,7 @@ def _cures(d: Diagnosis) -> list[str]:
             f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem turns "
             f"{float(one['reversals_per_day']):.0f} times a day{stops}"
         )
-        lines.append(f"{words}: " + (f"cannot tell: {one['doubt'].values}" if str(one["doubt"].values) else answer))
+        lines.append(f"{words}: " + (f"not predicted: {one['doubt'].values}" if str(one["doubt"].values) else answer))
     calm = d.predictions.where(d.predictions["hunts"] == 0.0, drop=True).sortby("rmse")["case"].values
     cures = [WORDS[case] for case in calm if case in cases]
     return lines + [f"What would stop the hunting: {', or '.join(cures)}"] * bool(hunting and cures)
@@ -243,7 +243,7 @@ def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
             if np.isfinite(value):
                 axes.text(end + 2, place, form.format(value), va="center", fontsize=7)
     for place in places[~np.isfinite(error)]:
-        axes.text(2, place, "cannot tell", va="center", fontsize=7)
+        axes.text(2, place, "not predicted", va="center", fontsize=7)
     axes.set_xlim(0, _ROOM * np.nanmax(np.concatenate([error / error[0], travel / travel[0]])))
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED)
     hunting = found["hunts"].values > 0

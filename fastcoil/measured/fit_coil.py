@@ -30,6 +30,7 @@ _MARCH = ("n_volumes", "air_march", "substeps")
 _STABLE = "at the stability limit (γ = 1 at the largest flow)"
 
 
+@np.errstate(all="ignore")
 def fit_coil(
     log: Any,
     *,

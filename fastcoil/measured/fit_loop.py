@@ -53,6 +53,7 @@ _NEUTRAL: dict[str, Any] = {"noise_std": 0.0, "sensor_resolution": 0.0, "backlas
 """What a loop may have and an emulator in open loop does not use."""
 
 
+@np.errstate(all="ignore")
 def fit_loop(
     log: Any,
     loop: Loop,

@@ -35,6 +35,7 @@ _LOWEST, _CLOSED = 0.02, 0.1
 _FEWEST = 3
 
 
+@np.errstate(all="ignore")
 def fit_valve(
     log: Any,
     *,
@@ -76,7 +77,8 @@ def fit_valve(
         that is fitted.  The rest is held back for validation.
     validation
         Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
-        ``fit_until``.  It has no influence on the fit.
+        ``fit_until``.  It has no influence on the parameters; what is held back has a time shift of its own, estimated
+        on its flows, and ``rmse["validation_as_logged"]`` is its error without that.
     lag
         Seconds by which the flow is logged after the command, negative if before; ``auto``: estimated per
         piece of the log, reported, removed.
@@ -119,10 +121,11 @@ def fit_valve(
     if isinstance(lag, float):
         data = with_lag(data, lag)
     problem = ValveProblem(data, floor, settle, part)
+    as_logged = problem.command
     if lag == "auto":
         moved = without_lag(data, problem.good, problem.fitting)
         problem = problem if moved is data else ValveProblem(moved, floor, settle, part)
-    return _fit_of(problem, problem.solve(m_max, initial), holds is not None, started)
+    return _fit_of(problem, problem.solve(m_max, initial), as_logged, holds is not None, started)
 
 
 def _lag_of(lag: Any) -> float | str:
@@ -180,8 +183,11 @@ def has_live_zero(command: Array, flow: Array) -> bool:
     return bool(_LIVE_ZERO[0] <= least <= _LIVE_ZERO[1] and command.max() > _FAR and closed)
 
 
-def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
-    """The fit with everything a user may ask of it; ``holds``: the command holds between the rows."""
+def _fit_of(problem: ValveProblem, solution: ValveSolution, as_logged: Array, holds: bool, started: float) -> Fit:
+    """The fit with everything a user may ask of it.
+
+    as_logged: (n,), the command before its shift was taken out.  holds: the command holds between the rows.
+    """
     best, spread, profiled, notes = solution.estimate, solution.uncertainty, solution.profile, problem.notes
     fitted = problem.good & problem.fitting
     command, flow = problem.command[fitted], problem.flow[fitted]
@@ -231,10 +237,15 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     both = np.stack([best.x, solution.without_backlash.x], axis=1)
     start = np.full((int(problem.batch[-1]) + 1, 2), 0.5)  # unknown for a batch held back
     start[: both.shape[0] - 5] = both[5:]
-    openings, modelled = problem.flows(both[:5], start, problem.command.size)
+    openings, modelled = problem.flows(both[:5], start, problem.command)
     with_it, without = modelled.T
     part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
     rmse = rmse_of(part, {"": with_it - problem.flow, "_without_backlash": without - problem.flow})
+    if ((problem.command != as_logged) & ~problem.fitting).any():
+        # the shift of the part held back comes from its own flows
+        _, plain = problem.flows(both[:5, :1], start[:, :1], np.where(problem.fitting, problem.command, as_logged))
+        plain[problem.fitting] = np.nan
+        rmse |= rmse_of(part, {"_as_logged": plain[:, 0] - problem.flow})
     notes += poor(rmse, flow, "m_w", "units, columns, and whether the pump ran")
     n_compared = solution.model.used.sum()
     limit = math.sqrt(profiled.limit / n_compared)

@@ -309,12 +309,12 @@ def what_if(
     )
     gain = f"{100 * (GAIN_ERROR - 1.0):.0f} %"
     if not found.hunts == more.hunts == less.hunts:
-        return f"whether the loop would hunt turns on {gain} of its gain, which the log does not tell"
+        return f"a {gain} change of its gain decides whether the loop hunts; the log cannot resolve it"
     errors = [found.rmse, more.rmse, less.rmse]
     if not max(errors) < LARGEST_SPREAD * min(errors):
         return (
-            f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: it turns on {gain} of the loop's "
-            "gain, which the log does not tell"
+            f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: a {gain} change of the loop's gain "
+            "decides, the log cannot resolve it"
         )
     return found
 

@@ -165,11 +165,11 @@ def _best_pi(command: Array, error: Array, rows: Callable[[int], _Rows]) -> _Fit
     A log whose samples fall between those of the controller sees one of these now and two then; a longer lag evens
     that out, and what a coarse resolution does too.
     """
-    fits = [fit for lag in ROW_LAGS if (fit := _regressed(command, error, *rows(lag))) is not None]
+    fits = [fit for lag in ROW_LAGS if (fit := regressed_pi(command, error, *rows(lag))) is not None]
     return max(fits, key=lambda fit: fit.explained, default=None)
 
 
-def _regressed(command: Array, error: Array, before: Index, after: Index, integral: Array) -> _Fit | None:
+def regressed_pi(command: Array, error: Array, before: Index, after: Index, integral: Array) -> _Fit | None:
     """The PI of changes of the command; saturated ones, and those of a saturated integral, are left out."""
     du, de = command[after] - command[before], error[after] - error[before]
     inside = np.minimum(command[before], command[after]) > EDGE

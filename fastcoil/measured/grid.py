@@ -22,6 +22,7 @@ _REGULAR, _NEARLY = 0.8, 0.25
 _FIRST_OF_TEN, _ROUNDED, _ALIKE = 0.1, 0.05, 2.0
 """Of the changes of a temperature logged at changes, half are below twice the smallest tenth."""
 _LEAST, _MOST = 1.0, 10.0  # interval between the samples made of an irregular log, s
+_SLOWEST = 3600.0  # s between samples; a log that is slower shows nothing of a loop
 _LONGEST_SILENCE = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
 MOST_SAMPLES = 200_000  # of the part that is diagnosed: 11 days of a log every 5 s
 
@@ -45,12 +46,18 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
     """
     steps, same = np.diff(log.time), np.diff(log.batch) == 0
     forward = steps[same & (steps > 0.0)]
+    left_out = "; ".join(log.notes) or "nothing was left out"
     if forward.size + 1 < LEAST_SAMPLES:
         raise InputError(
             f"{log.name}: {counted(forward.size + 1, 'sample')} in unbroken pieces, {LEAST_SAMPLES} are needed: "
-            "give a longer log, or bridge its gaps: max_gap, --max-gap"
+            f"give a longer log, or bridge its gaps: max_gap, --max-gap ({left_out})"
         )
     interval, is_regular = _rhythm(log, forward, same)
+    if interval > _SLOWEST:
+        raise InputError(
+            f"{log.name}: what is left of the log has a sample every {interval:,.0f} s: give one with a sample every "
+            f"minute or faster ({left_out})"
+        )
     tick = _ticks(log, interval)
     silent = int(np.ceil(_LONGEST_SILENCE / interval))
     cut = np.concatenate([[0], np.cumsum(np.where(same, 0, np.maximum(np.diff(tick) - silent, 0)))])

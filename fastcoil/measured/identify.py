@@ -1,4 +1,4 @@
-"""The backlash of a valve from the command and the supply temperature of a trend log, or why the log cannot tell.
+"""The backlash of a valve from the command and the supply temperature of a trend log, or why the log does not show it.
 
 First the command: what moved it, and whether it and the temperature are of one clock.  Then the likelihood of each
 candidate backlash, from a linear model that is solved for all candidates at once.

@@ -31,6 +31,7 @@ _NEEDED = ("T_sup", "T_set")
 _ROUND_OFF = 1e-6  # of the times of a log, s
 
 
+@np.errstate(all="ignore")
 def replay(
     loop: Loop,
     log: Any,

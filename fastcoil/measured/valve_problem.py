@@ -178,11 +178,12 @@ class ValveProblem:
         self.top = float(np.nanmax(self.flow[self.fitting]))
         self.n_reversals = reversals(self.command[self.fitting], self.batch[self.fitting])
 
-    def flows(self, sets: Array, start: Array, n: int) -> tuple[Array, Array]:
-        """Openings and flows of parameter sets (5, sets) over the first n samples, the meter's floor included."""
+    def flows(self, sets: Array, start: Array, command: Array) -> tuple[Array, Array]:
+        """Openings and flows of parameter sets (5, sets) behind the first commands, the meter's floor included."""
+        n = command.size
         openings, flows = np.empty((2, n, sets.shape[1]))
         rows = np.where(LOGS[:, None], np.exp(sets), sets)
-        valve_flows(self.command[:n], self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
+        valve_flows(np.ascontiguousarray(command), self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
         return openings, np.maximum(flows, self.floor)
 
     def model(self, m_max: float | None, initial: str) -> tuple[Model, list[int]]:
@@ -192,7 +193,7 @@ class ValveProblem:
         measured = np.where(used, self.flow[:n], 0.0)[:, None]
 
         def residuals(sets: Array) -> Array:
-            return np.where(used[:, None], self.flows(sets[:5], sets[5:], n)[1] - measured, 0.0)
+            return np.where(used[:, None], self.flows(sets[:5], sets[5:], self.command[:n])[1] - measured, 0.0)
 
         top = math.log(self.top)
         lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_pieces])

@@ -78,7 +78,7 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
         (True, True, "tuning", "would hunt with a perfect valve"),
         (True, False, "backlash", "would not hunt without it"),
         (False, False, "disturbance", "would not hunt by itself"),
-        (None, False, "unknown", "a tenth of its gain"),
+        (None, False, "unknown", "a 10 % change of its gain"),
     ],
 )
 def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypatch, with_gap, without, cause, says):

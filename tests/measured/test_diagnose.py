@@ -1,4 +1,4 @@
-"""``fc.diagnose`` from log to answer: backlash, cause, words, TOML, page; and what it says where it cannot tell."""
+"""``fc.diagnose`` from log to answer: backlash, cause, words, TOML, page; and why it has none."""
 
 import numpy as np
 import pytest

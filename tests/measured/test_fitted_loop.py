@@ -232,7 +232,7 @@ def test_a_verdict_that_turns_on_a_little_gain_is_a_sentence(fitted, monkeypatch
     assert kinds[-1] is True
     assert "a sentence" in kinds
     monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_SPREAD", 1e9)
-    assert "whether the loop would hunt" in what_if(
+    assert "whether the loop hunts" in what_if(
         fitted, kp_factor=float(factors[kinds.index("a sentence")]), ti_factor=0.3
     )
     monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_SPREAD", 1.0)

@@ -49,6 +49,16 @@ def test_a_shift_from_one_piece_on_is_told_and_taken_out():
     assert left.rmse["fit"] > 2.0 * fit.rmse["fit"]
 
 
+def test_the_error_of_what_is_held_back_is_reported_without_its_own_shift_too():
+    fit = fc.fit_valve(log_in_pieces(1, [0, 0, 0, 1], n=80), split=0.75, holds="command")
+    plain = fc.fit_valve(log_in_pieces(1, [0, 0, 0, 1], n=80), split=0.75, holds="command", lag=0)
+    assert fit.parameters == plain.parameters
+    assert fit.rmse["validation"] < 0.5 * plain.rmse["validation"]
+    assert fit.rmse["validation_as_logged"] == pytest.approx(plain.rmse["validation"], rel=0.02)
+    assert any(line.startswith("RMSE, validation, as logged: ") for line in fit.summary())
+    assert "validation_as_logged" not in plain.rmse
+
+
 @pytest.mark.parametrize(
     ("shift", "words"),
     [

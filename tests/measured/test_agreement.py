@@ -1,0 +1,109 @@
+"""Columns that do not belong together, in one unit or in one order, are refused or lead to no claim."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.loop_logs import loop_log
+from helpers.refusals import refusal
+from helpers.simulated_logs import coil_log, flows, log_of, noisy, walk
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.fixture(scope="module")
+def log():
+    return loop_log(hours=3.0, kp=0.03, ti=40.0)
+
+
+def read_as_celsius(log, *names):
+    """Temperatures in °F under the unit of °C."""
+    return log.assign({n: log[n].copy(data=log[n].values * 1.8 + 32.0) for n in names})
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        (lambda log: read_as_celsius(log, "T_sup"), "T_sup is typically 57.* and T_set 14.* with the valve in control"),
+        (lambda log: read_as_celsius(log, "T_set"), "check the units of both"),
+        (lambda log: read_as_celsius(log, "T_sup", "T_set"), "in a cooling loop: if it is logged in degF, declare"),
+        (lambda log: log.rename(T_sup="T_set", T_set="T_sup"), "T_set changes at 100 % .* if the two are swapped"),
+        (lambda log: log.isel(elapsed_time=slice(None, 20)).assign_coords(
+            elapsed_time=("elapsed_time", 86400.0 * np.arange(20), {"units": "s"})), "a sample every 86,400 s"),
+    ],
+    ids=["T_sup in °F", "T_set in °F", "both in °F", "swapped", "a row a day"],
+)  # fmt: skip
+def test_temperatures_in_two_units_or_in_each_others_columns_are_refused(log, changed, says):
+    with pytest.raises(fc.InputError, match=says):
+        fc.diagnose(changed(log), stroke_time=90.0)
+
+
+def test_air_as_hot_as_this_is_noted_where_nothing_says_that_the_loop_cools(log):
+    hot = read_as_celsius(log, "T_sup").drop_vars("T_set")
+    assert any("if it is logged in degF, declare that" in note for note in fc.diagnose(hot, stroke_time=90.0).notes)
+
+
+def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(log):
+    sparse = np.where(np.arange(log.sizes["elapsed_time"]) % 100, np.nan, 1.0)
+    said = refusal(fc.diagnose, log.assign(enabled=("elapsed_time", sparse)), drop=True)
+    assert "rows left out: enabled" in said
+
+
+def test_a_coil_and_a_loop_whose_temperatures_do_not_agree_are_refused():
+    log = coil_log(hours=1.0, every=10)
+    wrong = read_as_celsius(log, "T_sup")
+    assert "T_sup is typically" in refusal(fc.fit_coil, wrong)
+    command = xr.DataArray(np.linspace(0.0, 1.0, 360), dims="elapsed_time", attrs={"units": "1"})
+    assert "check their units" in refusal(fc.fit_loop, wrong.assign(command=command), fc.Loop())
+
+
+def test_no_size_is_claimed_of_a_command_that_does_not_answer_this_temperature(log):
+    """The command and set-point of one loop, the temperature of another on the same schedule."""
+    assert fc.diagnose(log, stroke_time=90.0).identified
+    other = loop_log(hours=3.0, kp=0.03, ti=40.0, backlash=0.03, noise=0.02)
+    found = fc.diagnose(log.assign(T_sup=other.T_sup), stroke_time=90.0)
+    assert not found.identified
+    assert "86 % of the command's changes: check that both are of one loop and one clock" in found.reason
+    moved = fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=np.roll(log.T_sup, 2))), stroke_time=90.0)
+    assert moved.identified
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"stroke_time": xr.DataArray(1.5, attrs={"units": "min"})}, "stroke_time = .*give seconds"),
+        ({"max_gap": xr.DataArray(1.0, attrs={"units": "min"})}, "max_gap = "),
+        ({"log": loop_log(hours=0.5).command}, "log is a DataArray"),
+        ({"log": loop_log(hours=0.5).command.to_series()}, "log is a Series"),
+        ({"log": loop_log(hours=0.5).expand_dims(day=[1, 2])}, "choose one loop, so that only elapsed_time is left"),
+    ],
+    ids=["stroke in min", "gap in min", "DataArray", "Series", "two days"],
+)
+def test_labels_that_would_be_dropped_are_refused(log, given, says):
+    with pytest.raises(fc.InputError, match=says):
+        fc.diagnose(**{"log": log} | given)
+
+
+def test_time_in_minutes_and_temperatures_in_fahrenheit_are_converted(log):
+    minutes = log.assign_coords(elapsed_time=("elapsed_time", log.elapsed_time.values / 60, {"units": "min"}))
+    fahrenheit = read_as_celsius(minutes, "T_sup")
+    fahrenheit.T_sup.attrs["units"] = "degF"
+    assert fc.diagnose(fahrenheit, stroke_time=90.0).backlash == fc.diagnose(log, stroke_time=90.0).backlash
+
+
+@pytest.mark.parametrize("name", ["diagnose", "fit_valve", "fit_coil", "fit_loop", "replay"])
+def test_numpys_error_state_changes_nothing(log, name):
+    rng = np.random.default_rng(5)
+    command = walk(rng, n=80)
+    coil = coil_log(hours=1.0, every=10)
+    moved = xr.DataArray(np.repeat(walk(rng, n=36), 10), dims="elapsed_time", attrs={"units": "1"})
+    calls = {
+        "diagnose": lambda: fc.diagnose(loop_log(hours=30.0, kp=0.03, ti=40.0), stroke_time=90.0).profile,
+        "fit_valve": lambda: fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.02)), holds="command").profile,
+        "fit_coil": lambda: fc.fit_coil(coil).residuals,
+        "fit_loop": lambda: fc.fit_loop(coil.assign(command=moved), fc.Loop(), split=1.0).profile,
+        "replay": lambda: fc.replay(fc.Loop(), log[["T_sup", "T_set"]]),
+    }
+    with np.errstate(all="raise"):
+        assert calls[name]().sizes
