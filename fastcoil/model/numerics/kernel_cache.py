@@ -1,8 +1,8 @@
 """The folder of compiled kernels: a file that is damaged, or that another may have written, is never loaded.
 
-Loading a kernel unpickles a file and runs the machine code in it.  So a file counts only if its owner and mode say that
-nobody else could write it, and if the SHA-256 in front of its bytes is theirs.  Anything else counts as missing: the
-kernel is compiled again.
+Loading a kernel unpickles a file and runs the machine code in it.  So a folder counts only if its owner and mode say
+that nobody else could put a file there, and a file only if the SHA-256 in front of its bytes is theirs.  Anything else
+counts as missing: the kernel is compiled again.
 
 No number depends on this file: it decides whether a kernel is compiled, not to what.
 """
@@ -30,15 +30,13 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 _FORMAT = b"fastcoil kernel 1\n"
-_LARGEST = 2**26
-"""Bytes; the largest kernel has half a million."""
 _KEPT_FOLDERS = 4
 _FINGERPRINT = re.compile(r"[0-9a-f]{16}")
 _ELSEWHERE = "set XDG_CACHE_HOME to a folder of your own"
 
 
 class _NotOursError(Exception):
-    """Another user may have written a file or a folder: the text says why."""
+    """Another user may have written to a folder: the text says why."""
 
 
 class KernelCache(Cache):  # type: ignore[misc]
@@ -67,9 +65,6 @@ class KernelCache(Cache):  # type: ignore[misc]
         try:
             found, reduced = pickle.loads(_read(self._path(key)))
             return CompileResult._rebuild(target_context, *reduced) if found == key else None
-        except _NotOursError as error:
-            self.disable()  # nor is it written over
-            _warn(f"a file in {self._folder} {error}: remove the folder, or {_ELSEWHERE}")
         except Exception:  # missing, damaged, or sound and of a class that is no more
             pass
         return None
@@ -157,20 +152,8 @@ def has_kernel(folder: Path, name: str) -> bool:
 
 
 def _read(path: Path) -> bytes:
-    """The content of a file that is whole and that nobody else could write.
-
-    Raises
-    ------
-    OSError, ValueError
-        If it is missing; if it is damaged.
-    _NotOursError
-        If it may be another's.
-    """
-    _check_private(path.lstat())
-    # and no wait for the other end of a pipe
-    with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-        _check_private(os.fstat(file.fileno()))
-        data = file.read(_LARGEST)
+    """The content of a file; ``OSError`` if it is missing, ``ValueError`` if it is damaged."""
+    data = path.read_bytes()
     n = len(_FORMAT) + hashlib.sha256().digest_size
     if data[:n] != _header(path, data[n:]):
         raise ValueError("damaged")
