@@ -14,11 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
-
+from typing import Any
 
 SECONDS_BETWEEN_LINES = 10.0
 _BETWEEN_UPDATES = 0.5  # seconds between updates in a notebook; each one is sent to the browser
@@ -35,23 +31,6 @@ def duration(seconds: float) -> str:
 def is_terminal() -> bool:
     """Whether stderr is a terminal."""
     return sys.stderr is not None and sys.stderr.isatty()
-
-
-def terminal_bar() -> Progress:
-    """A progress bar on stderr."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    words = TextColumn("{task.fields[what]}"), TextColumn("{task.fields[rate]}")
-    times = TimeElapsedColumn(), TextColumn("ETA"), TimeRemainingColumn()
-    return Progress(BarColumn(), MofNCompleteColumn(), *words, *times, console=Console(stderr=True))
 
 
 @dataclass
@@ -81,22 +60,24 @@ class State:
         return ", ".join(filter(None, [f"{self.done:,} of {self.of:,} {self.what}", self.rate_words, to_go]))
 
 
-class View(Protocol):
-    """Displays a state."""
-
-    def open(self, state: State) -> None: ...
-
-    def draw(self, state: State) -> None: ...
-
-    def close(self, state: State) -> None: ...
-
-
 class Bar:
     """Progress bar on a terminal."""
 
     def open(self, state: State) -> None:
-        self.bar = terminal_bar()
-        self.task = self.bar.add_task("", total=state.of, what=state.what, rate="")
+        from rich import progress
+        from rich.console import Console
+
+        columns = (
+            progress.BarColumn(),
+            progress.MofNCompleteColumn(),
+            progress.TextColumn("{task.description}"),
+            progress.TextColumn("{task.fields[rate]}"),
+            progress.TimeElapsedColumn(),
+            progress.TextColumn("ETA"),
+            progress.TimeRemainingColumn(),
+        )
+        self.bar = progress.Progress(*columns, console=Console(stderr=True))
+        self.task = self.bar.add_task(state.what, total=state.of, rate="")
         self.bar.tasks[0].start_time = time.monotonic() - state.seconds
         self.bar.start()
         self.draw(state)
@@ -108,61 +89,54 @@ class Bar:
         self.bar.stop()
 
 
-class Cell:
-    """Output in a notebook cell.  No widgets: they may not be installed, and saved notebooks lose them."""
+class Text:
+    """Lines of text for ``put``, ``every`` so many seconds; with ``closing`` also the first and the last one."""
 
-    def open(self, state: State) -> None:
-        from IPython.display import display  # type: ignore[import-not-found,unused-ignore]
-
-        self.last = time.monotonic()
-        self.shown: Any = display(  # type: ignore[no-untyped-call,unused-ignore]
-            _of_notebook(state), raw=True, display_id=True
-        )
-
-    def draw(self, state: State) -> None:
-        now = time.monotonic()
-        if now - self.last >= _BETWEEN_UPDATES:
-            self.last = now
-            self.shown.update(_of_notebook(state), raw=True)
-
-    def close(self, state: State) -> None:
-        self.shown.update(_of_notebook(state, ended=True), raw=True)
-
-
-def _of_notebook(state: State, *, ended: bool = False) -> dict[str, str]:
-    """MIME bundle for a notebook."""
-    words = state.words()
-    if ended and state.done < state.of:
-        words = f"stopped at {state.done:,} of {state.of:,} {state.what}"
-    bar = f'<progress value="{state.done}" max="{state.of}"></progress> ' * (not ended)
-    return {"text/plain": words, "text/html": f"{bar}{words}"}
-
-
-class Lines:
-    """A line every 10 s, and with ``closing`` one at the end."""
-
-    def __init__(self, closing: bool) -> None:
-        self.closing = closing
+    def __init__(self, put: Callable[[str], object], every: float, *, opening: bool, closing: bool) -> None:
+        self.put, self.every, self.opening, self.closing = put, every, opening, closing
         self.last = time.monotonic()
 
     def open(self, state: State) -> None:
-        """Nothing to print yet."""
+        if self.opening:
+            self.last = time.monotonic()
+            self.put(state.words())
 
     def draw(self, state: State) -> None:
         now = time.monotonic()
-        if now - self.last >= SECONDS_BETWEEN_LINES and state.done < state.of:
+        if now - self.last >= self.every and state.done < state.of:
             self.last = now
-            _write(state.words())
+            self.put(state.words())
 
     def close(self, state: State) -> None:
         if self.closing and state.done >= state.of:
-            _write(state.words())
+            self.put(state.words())
+        elif self.opening:
+            self.put(f"stopped at {state.done:,} of {state.of:,} {state.what}")
 
 
 def _write(line: str) -> None:
     with suppress(OSError, ValueError):  # stderr is closed
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
+
+
+def _cell() -> Callable[[str], object]:
+    """Returns a function that shows a line in a notebook cell in place of the one before.
+
+    No widgets: they may not be installed, and saved notebooks lose them.
+    """
+    from IPython.display import display  # type: ignore[import-not-found,unused-ignore]
+
+    shown: list[Any] = []
+
+    def put(words: str) -> None:
+        data = {"text/plain": words, "text/html": words}
+        if shown:
+            shown[0].update(data, raw=True)
+        else:
+            shown.append(display(data, raw=True, display_id=True))  # type: ignore[no-untyped-call,unused-ignore]
+
+    return put
 
 
 PATIENCE = 2.0
@@ -176,7 +150,7 @@ Advance = Callable[[int], None]
 class Shown:
     """Shows progress in a view; call ``start`` when the total is known."""
 
-    def __init__(self, view: View | None, patience: float) -> None:
+    def __init__(self, view: Bar | Text | None, patience: float) -> None:
         self._view, self._patience = view, patience
         self._lock = threading.RLock()
         self._timer: threading.Timer | None = None
@@ -248,21 +222,25 @@ def progress_of_call(progress: bool | None) -> Iterator[Shown]:
 @contextmanager
 def progress_of_command() -> Iterator[Shown]:
     """Progress of a command on stderr."""
-    shown = Shown(Bar() if is_terminal() else Lines(closing=False), PATIENCE)
+    shown = Shown(Bar() if is_terminal() else _lines(closing=False), PATIENCE)
     try:
         yield shown
     finally:
         shown.stop()
 
 
-def _view_of(progress: bool | None) -> View | None:
+def _view_of(progress: bool | None) -> Bar | Text | None:
     if progress is False or (progress is None and not _is_interactive()):
         return None
     if _in_notebook():
-        return Cell()
+        return Text(_cell(), _BETWEEN_UPDATES, opening=True, closing=True)
     if is_terminal():
         return Bar()
-    return Lines(closing=True) if progress else None
+    return _lines(closing=True) if progress else None
+
+
+def _lines(*, closing: bool) -> Text:
+    return Text(_write, SECONDS_BETWEEN_LINES, opening=False, closing=closing)
 
 
 def _is_interactive() -> bool:
