@@ -5,8 +5,12 @@ import importlib.util
 import re
 import subprocess
 
+import numpy as np
+
 from helpers.structured_text import Project
 
+INPUTS = {"T_sup", "T_set", "m_a", "enabled", "reset", "start_command"}
+"""Columns of what a controller is given; the others are what it must answer."""
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off"]
 
 
@@ -24,17 +28,32 @@ def module(path):
     return found
 
 
-def worst_in_python(code, stored, *, stops=False):
-    """Largest difference of the exported Python from its vectors; the first that counts, if it is to stop there."""
-    found, worst = module(code), 0.0
-    s = found.State()
+def python_runner(text):
+    """A function that takes the exported Python through one cycle, and what it has found then."""
+    names = {}
+    exec(compile(text, "exported.py", "exec"), names)
+    s = names["State"]()
+    return lambda given: (names["step"](s, *given.values()), s)[1]
+
+
+def structured_text_runner(text):
+    """The same of an exported function block."""
+    project = Project(text)
+    block = project.block(next(one.name for one in project.units.values() if one.name.startswith("fb_")))
+    return lambda given: (block(**given), block)[1]
+
+
+def differences(run, stored):
+    """Largest difference of each cycle from its vector."""
     for row in vectors(stored):
-        given = [row[n] > 0.5 if n in ("enabled", "reset") else row[n] for n in inputs_of(row)]
-        found.step(s, *given, 0.0)
-        worst = max([worst, *(abs(getattr(s, n) - row[n]) for n in outputs_of(row))])
-        if stops and worst > 1e-12:
-            break
-    return worst
+        given = {n: x > 0.5 if n in ("enabled", "reset") else x for n, x in row.items() if n in INPUTS}
+        found = run(given | {"start_command": row.get("start_command", 0.0)})
+        yield float(np.max([abs(getattr(found, n) - x) for n, x in row.items() if n not in INPUTS]))
+
+
+def worst_in_python(code, stored):
+    """Largest difference of the exported Python from its vectors."""
+    return max(differences(python_runner(code.read_text()), stored))
 
 
 def worst_in_c(code, stored):
@@ -42,34 +61,41 @@ def worst_in_c(code, stored):
     subprocess.run(["gcc", *FLAGS, "-DFASTCOIL_CHECK", code, "-lm", "-o", code.with_suffix("")], check=True)
     done = subprocess.run([code.with_suffix(""), stored], check=False, capture_output=True, text=True)
     worst = [float(x) for x in re.findall(r"largest difference (\S+)", done.stdout)]
-    assert len(worst) == len(outputs_of(vectors(stored)[0]))
+    assert len(worst) == len(vectors(stored)[0].keys() - INPUTS)
     assert (done.returncode == 0) == (max(worst) <= 1e-12), done.stdout
     return max(worst)
 
 
 def worst_in_structured_text(code, stored, program):
     """The same of the exported function block, by an interpreter; its program of checks must agree."""
-    project = Project(code.read_text(), program.read_text())
-    block, worst = project.block(f"FB_{code.stem}"), 0.0
-    for row in vectors(stored):
-        given = {n: row[n] > 0.5 if n in ("enabled", "reset") else row[n] for n in inputs_of(row)}
-        block(**given, start_command=0.0)
-        worst = max([worst, *(abs(getattr(block, n) - row[n]) for n in outputs_of(row))])
-    check = project.block(f"{code.stem}_check")
+    worst = max(differences(structured_text_runner(code.read_text()), stored))
+    check = Project(code.read_text(), program.read_text()).block(f"{code.stem}_check")
     check()
     assert check.same == (check.largest <= 1e-12)
     assert check.largest <= worst
     return worst
 
 
-def inputs_of(row):
-    """Names of what a controller is given."""
-    return [n for n in ("T_sup", "T_set", "m_a", "enabled", "reset") if n in row]
+def found_in_c(code, stored):
+    """Whether the program of checks in C finds a difference."""
+    program = code.with_suffix("")
+    quickly = ["-O0", "-w", "-ffp-contract=off", "-DFASTCOIL_CHECK"]
+    subprocess.run(["gcc", *quickly, code, "-lm", "-o", program], check=True)
+    return subprocess.run([program, stored], check=False, capture_output=True).returncode == 1
 
 
-def outputs_of(row):
-    """Names of what it must answer."""
-    return [n for n in row if n not in inputs_of(row)]
+def found_by(runner):
+    """Whether a controller differs from its vectors, or fails."""
+
+    def found(code, stored):
+        try:
+            return any(not worst <= 1e-12 for worst in differences(runner(code.read_text()), stored))
+        except (ArithmeticError, AttributeError):
+            return True
+
+    return found
 
 
 WORST = {"python": worst_in_python, "c": worst_in_c, "st": worst_in_structured_text}
+FINDS = {"python": found_by(python_runner), "c": found_in_c, "st": found_by(structured_text_runner)}
+"""Whether a broken controller is found by its vectors, in each language."""

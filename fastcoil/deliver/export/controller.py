@@ -19,7 +19,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.machine import package_version
 from fastcoil.deliver.export.python import commented, names_in
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.words import number
+from fastcoil.deliver.export.words import number, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop
@@ -92,6 +92,8 @@ class Controller:
 
     def _port(self, kind: str, rule: Any, function: Any, taken: list[str]) -> Port:
         """A rule as laws; a word among its parameters is a number."""
+        if odd := [name for name in rule.Parameters._fields if not name.isascii()]:
+            raise InputError(f"{kind} = {rule.name!r} cannot be exported: name {odd[0]!r} with letters a to z alone")
         return Translator(
             kind,
             rule,
@@ -134,7 +136,7 @@ class Controller:
             "measures_noise": self.word["buffer_noise"] == "measured",
             "band": "band" if ratio or self.waives_buffer else "BUFFER",
             "noise_of_median": repr(float(noise_level(1.0))),
-            "words": self.words(),
+            "words": plain_text(self.words()),
             "version": package_version(),
         }
         template = templates().get_template("controller.py.jinja")

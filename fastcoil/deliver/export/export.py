@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
+
+import numpy as np
 
 from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, may_be_file, read_bytes
 from fastcoil.base.machine import package_version
 from fastcoil.deliver.export.c import InC
 from fastcoil.deliver.export.controller import Controller, templates
 from fastcoil.deliver.export.source import Laws
 from fastcoil.deliver.export.st import InST, st_number
-from fastcoil.deliver.export.vectors import Vectors, vectors_of
+from fastcoil.deliver.export.vectors import Vectors, cycles, vectors_of
 from fastcoil.loops.loop import Loop
 
 SUFFIXES = {"c": ".c", "st": ".st", "python": ".py"}
 """Of the files, by language."""
-FIRST_VECTORS = 200
+FIRST_VECTORS = 400
 """Vectors that a program in Structured Text holds, which cannot read files."""
 _MARK = b"ritten by fastcoil "  # in the head of every file
 _TOLERANCE = 1e-12
+_MODULES = {name.casefold() for name in (*sys.stdlib_module_names, "fastcoil", "numpy")}
 _LARGEST = 2**26  # bytes of a file
 
 
@@ -61,15 +64,21 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         language = check(language_of, language)
     suffix = SUFFIXES[language]
     if path.suffix != suffix or not may_be_file(path):
-        raise InputError(f"path = {path}: give a file NAME{suffix} in a folder that exists, or another language")
-    if not _name_of(path):
-        raise InputError(f"path = {path}: give it a name of letters a to z, which the code's own names begin with")
+        raise InputError(
+            f"path = {shown(str(path))}: give a file NAME{suffix} in a folder that exists, or another language"
+        )
+    _require_name(path, language)
     controller = Controller(loop)
     _require_ours(path, language)
-    vectors = vectors_of(loop, controller)
     text = controller.text()
-    if controller.own:
-        _require_same(controller, text, vectors)
+    try:
+        vectors = vectors_of(loop, controller, text)
+        fault = _difference(text, vectors) if controller.own else ""
+    except ArithmeticError as error:
+        fault = f"a cycle of its vectors has a {error}"
+    if fault:
+        cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
+        raise InputError(f"{' and '.join(controller.own)} cannot be exported: {fault}: {cure}")
     files = _files(path, language, text, vectors, controller.number["sample_time"])
     for name, content in files.items():
         commit(path.with_name(name), content.encode())
@@ -79,6 +88,17 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
 def language_of(language: object) -> str:
     """One of the languages."""
     return choice_of("language", language, SUFFIXES)
+
+
+def _require_name(path: Path, language: str) -> None:
+    """Refuse a name that cannot stand in a comment, or that hides a module of Python."""
+    if not _name_of(path) or not re.fullmatch(r"[A-Za-z0-9 _.,()+-]+", path.name):
+        raise InputError(
+            f"path = {shown(str(path))}: give it a name of letters a to z, digits, spaces and _ . , ( ) + -: "
+            "the code and its comments contain it"
+        )
+    if language == "python" and path.stem.casefold() in _MODULES:
+        raise InputError(f"path = {path}: it would hide Python's module {path.stem}: choose another name")
 
 
 def _require_ours(path: Path, language: str) -> None:
@@ -107,7 +127,10 @@ def _name_of(path: Path) -> str:
 def _files(path: Path, language: str, text: str, vectors: Vectors, sample_time: float) -> dict[str, str]:
     """Text of each file by its name."""
     name, stored = _name_of(path), f"{path.stem}_vectors.csv"
-    words = {"name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs}
+    words = {
+        "name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs,
+        "size": vectors.size, "checksum": f"{vectors.checksum:08x}",
+    }  # fmt: skip
     files = {stored: vectors.csv(path.name, sample_time)}
     if language == "c":
         code = InC(Laws(text), name).text() + _check("c", words | {"columns": len(vectors.columns)})
@@ -115,33 +138,27 @@ def _files(path: Path, language: str, text: str, vectors: Vectors, sample_time: 
         code = text.rstrip() + "\n" + _check("py", words | {"zeros": "zeros(" in text})
     else:
         code = InST(Laws(text), name).text()
-        n = min(FIRST_VECTORS, vectors.n_made)
+        n = min(FIRST_VECTORS, vectors.size)
+        # no number has a literal; far beyond the limits does the same
         columns = {
-            one: "\n        ".join(wrap(", ".join(map(st_number, values[:n])), 92))
+            one: "\n        ".join(
+                wrap(", ".join(map(st_number, np.nan_to_num(values[:n], True, -1e30, 1e30, -1e30))), 92)
+            )
             for one, values in vectors.columns.items()
         }
         files[f"{path.stem}_check.st"] = _check("st", words | {"n": n, "columns": columns})
     return {path.name: code, **files}
 
 
-def _require_same(controller: Controller, text: str, vectors: Vectors) -> None:
-    """Refuse a rule of the user whose translation does something else than the kernel."""
-    cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
-    laws: dict[str, Any] = {"zeros": lambda size: [0.0] * size}
-    exec(compile(text, "<laws>", "exec"), laws)
-    s = laws["State"]()
-    for k, row in enumerate(zip(*vectors.columns.values(), strict=True)):
-        given = dict(zip(vectors.columns, row, strict=True))
-        try:
-            laws["step"](s, *(given[n] if n[0] in "Tm" else given[n] > 0.5 for n in vectors.inputs), 0.0)
-            off = [abs(getattr(s, name) - given[name]) for name in vectors.outputs]
-            same = all(each <= _TOLERANCE for each in off)
-            fault = "" if same else f"is off by {max(off):.2g} from what fastcoil computes"
-        except ArithmeticError as error:
-            fault = f"has a {error}"
-        if fault:
-            names = " and ".join(controller.own)
-            raise InputError(f"{names} cannot be exported: cycle {k} of its vectors {fault}: {cure}")
+def _difference(text: str, vectors: Vectors) -> str:
+    """Where the translation of a rule of the user does something else than the kernel; empty where it does the same."""
+    given = {name: vectors.columns[name] for name in vectors.inputs}
+    expected = np.array([vectors.columns[name] for name in vectors.outputs]).T
+    for k, found in enumerate(cycles(text, given, vectors.outputs)):
+        off = np.abs(np.subtract(found, expected[k])).max()
+        if not off <= _TOLERANCE:
+            return f"cycle {k} of its vectors is off by {off:.2g} from what fastcoil computes"
+    return ""
 
 
 def _check(kind: str, words: dict[str, object]) -> str:

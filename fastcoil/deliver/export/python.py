@@ -73,7 +73,7 @@ def documented(filename: str, name: str, cls: str = "") -> str:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         names = [n.id for target in targets if target is not None for n in ast.walk(target) if isinstance(n, ast.Name)]
         if name in names and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            return plain_text(" ".join(str(after.value.value).split()))
+            return str(after.value.value)
     return ""
 
 
@@ -87,6 +87,7 @@ def docstring_of(python: FunctionType) -> str:
 
 def commented(code: str, said: str) -> str:
     """Code with what is said of it: behind it, or above it where the line is too short."""
+    said = " ".join(plain_text(said).split())
     if not said:
         return code
     if len(code) + len(said) < WIDTH - 4 and "\n" not in code:

@@ -1,12 +1,17 @@
 """Golden vectors: made-up records that take a controller through all that it does, and what fastcoil makes of them.
 
-Each row is a cycle: what the controller sees, and what fastcoil's own kernel answers.
+Each row is a cycle: what the controller sees, and what it answers.  The answers are those of fastcoil's own kernel, but
+for starts from a command, bad readings and holds: no simulation has them, and the laws in Python answer.
 """
 
 from __future__ import annotations
 
 import math
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,7 +27,8 @@ from fastcoil.measured.replay import replay
 OUTPUTS = {"command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate"}
 """What the code calls a trace."""
 _HOURS, _HOURS_TO_IDENTIFY = 1, 3  # of the simulated day: an estimate from steps of the set-point takes longer
-_LIMITS = -50.0, 150.0
+_LIMITS = -50.0, 150.0  # of a good reading, degC
+_FLAGS = ("enabled", "reset")
 _LARGEST_ERROR = 25.0  # K; a reading stays plausible
 _MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
 _OFF = (95, 103, 150)  # cycles at which the plant goes off for the next four
@@ -30,40 +36,112 @@ _OFF = (95, 103, 150)  # cycles at which the plant goes off for the next four
 
 @dataclass(frozen=True)
 class Vectors:
-    """Columns by name, each with a value for every cycle; n_made: those of the first run."""
+    """Columns by name, each with a value for every cycle."""
 
     columns: dict[str, Array]
     inputs: tuple[str, ...]
-    n_made: int
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """What a port must give."""
         return tuple(name for name in self.columns if name not in self.inputs)
 
-    def csv(self, code: str, sample_time: float) -> str:
-        """As a text file, numbers with 17 digits."""
-        lines = [
-            f"# Vectors for {code}, written by fastcoil {package_version()}: a row for each {sample_time:g} s cycle.",
-            f"# Given: {', '.join(self.inputs)}; the start command is 0.  A row with reset = 1 begins a run.",
-            f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.",
-            "# The first runs are made-up records, replayed; then comes the loop on a simulated day.",
-            ",".join(self.columns),
-        ]
+    @property
+    def size(self) -> int:
+        """How many cycles there are."""
+        return int(self.columns["T_sup"].size)
+
+    @cached_property
+    def lines(self) -> str:
+        """The names and the numbers, with 17 digits, each line with its end."""
         rows = zip(*(column.tolist() for column in self.columns.values()), strict=True)
-        return "\n".join([*lines, *(",".join(f"{value:.17g}" for value in row) for row in rows)]) + "\n"
+        return "".join(
+            f"{line}\n" for line in (",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows))
+        )
+
+    @property
+    def checksum(self) -> int:
+        """CRC-32 of the lines, by which a file that was cut or edited is found."""
+        return zlib.crc32(self.lines.encode())
+
+    def csv(self, code: str, sample_time: float) -> str:
+        """As a text file."""
+        return (
+            f"# Vectors for {code}, written by fastcoil {package_version()}: a row for each {sample_time:g} s cycle.\n"
+            f"# Given: {', '.join(self.inputs)}.  A row with reset = 1 begins a run, and so does the first.\n"
+            f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.\n"
+            "# The first run has starts from a command, bad readings, holds and ends; then come made-up records,\n"
+            "# replayed by the simulation, and the loop on a simulated day.\n"
+            f"# {self.size} rows; CRC-32 of all lines but these, each with one line feed: {self.checksum:08x}.\n"
+            f"{self.lines}"
+        )
 
 
-def vectors_of(loop: Loop, controller: Controller) -> Vectors:
-    """Replay made-up records through the loop's controller, and simulate the loop on a day."""
-    runs = [*(_replayed(loop, controller, seen) for seen in _records(controller)), _simulated(loop, controller)]
-    if controller.word["estimator"] == "identify":
-        runs.append(_simulated(loop, controller, disturbed=True))
-    inputs = ("T_sup", "T_set", *(["m_a"] if controller.sees_air else []), "enabled", "reset")
+def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
+    """Answer a record of handling, replay others through the loop's controller, and simulate the loop on a day.
+
+    text: the laws in Python.
+    """
+    inputs = ("T_sup", "T_set", *(["m_a"] if controller.sees_air else []), "enabled", "reset", "start_command")
     lacks = {"estimate": controller.estimating is None, "integral_part": controller.deciding is not None}
     outputs = [name for name in (*OUTPUTS, "switches") if not lacks.get(name, False)]
-    columns = {name: np.concatenate([run[name] for run in runs]) for name in (*inputs, *outputs)}
-    return Vectors(columns, inputs, runs[0]["T_sup"].size)
+    handled = _handled(controller)
+    given = {name: handled[name] for name in inputs}
+    answers = np.array(list(cycles(text, given, outputs))).T
+    runs = [given | dict(zip(outputs, answers, strict=True))]
+    runs += [_replayed(loop, controller, seen) for seen in _records(controller)]
+    runs.append(_simulated(loop, controller))
+    if controller.word["estimator"] == "identify":
+        runs.append(_simulated(loop, controller, disturbed=True))
+    return Vectors({name: np.concatenate([run[name] for run in runs]) for name in (*inputs, *outputs)}, inputs)
+
+
+def cycles(text: str, given: Mapping[str, Array], outputs: Sequence[str]) -> Iterator[list[float]]:
+    """What the laws in Python answer, cycle by cycle.  given: by the names of the inputs, in their order."""
+    laws: dict[str, Any] = {"zeros": lambda size: [0.0] * size}
+    exec(compile(text, "<laws>", "exec"), laws)
+    s = laws["State"]()
+    for row in zip(*(values.tolist() for values in given.values()), strict=True):
+        laws["step"](s, *(x > 0.5 if name in _FLAGS else x for name, x in zip(given, row, strict=True)))
+        yield [float(getattr(s, name)) for name in outputs]
+
+
+def _handled(controller: Controller) -> dict[str, Array]:
+    """Starts from a command, hand, bad readings, off and on, ends of the stroke and holds."""
+    number, sign = controller.number, -1.0 if controller.heats else 1.0
+    middle = 24.0 if controller.heats else 14.0
+    # K: moves the output by a tenth of the stroke at most
+    gain = abs(number["kp"]) * max(1.0, number["sample_time"] / number["ti"])
+    size = min(0.1 / max(gain, 1e-9), 5.0) + number["error_dead_band"]
+
+    def cycle(
+        e: float = 0.0, start_command: float = 0.0, reset: float = 0.0, enabled: float = 1.0, **reading: float
+    ) -> tuple[float, ...]:
+        T_sup, T_set = reading.get("T_sup", middle + sign * size * e), reading.get("T_set", middle)
+        return T_sup, T_set, 1.2, enabled, reset, start_command
+
+    rows = [cycle(1.0, 0.3), cycle(-1.0), cycle(2.0), cycle(-1.0)]  # a state of zeros starts by itself
+    rows += [cycle(-1.0, hand, reset=1.0) for hand in (0.2, 0.35, 0.6)]
+    rows += [cycle(e, 0.9) for e in (-1.0, 1.0, -2.0)]  # a start command without a reset is none
+    for start in (0.0, 0.4, 1.0, 1.5, -0.2, math.nan, math.inf):
+        for e in (0.5, -0.5):
+            rows += [cycle(e, start, reset=1.0), cycle(-e)]
+    inside = math.nextafter(_LIMITS[0], 0.0), math.nextafter(_LIMITS[1], 0.0)
+    for reading in (math.nan, math.inf, -math.inf, *_LIMITS, *inside):
+        for name in ("T_sup", "T_set"):
+            rows += [cycle(0.5, 0.5, reset=1.0), cycle(**{name: reading}), cycle(-1.0), cycle(1.0)]
+    bad = cycle(T_sup=math.nan)
+    rows += [cycle(1.0, 0.4, reset=1.0, T_sup=math.nan), bad, cycle(1.0), cycle(-1.0)]
+    off = [cycle(e, enabled=0.0) for e in (1.0, 2.0)]
+    rows += [*off, cycle(1.0), cycle(-1.0), cycle(1.0, 0.4, 1.0, 0.0), *off, bad, cycle(1.0), bad, *off]
+    rows += [cycle(e) for e in (4.0, -4.0, 4.0) for _ in range(12)]
+    # a hold in which an interval of a learner ends
+    n = min(int(number["learning_interval"] / number["sample_time"]), 100)
+    turns = [cycle(1.0 if k % 8 < 4 else -1.0) for k in range(4 * n + n // 2)]
+    rows += [cycle(0.5, 0.4, reset=1.0), *turns, *[bad] * n, *turns[:n]] if controller.estimating else [bad] * 20
+    rows += [cycle(1.0), cycle(-1.0)]
+    names = ("T_sup", "T_set", "m_a", "enabled", "reset", "start_command")
+    return dict(zip(names, np.array(rows).T, strict=True))
 
 
 def _replayed(loop: Loop, controller: Controller, seen: dict[str, Array]) -> dict[str, Array]:
@@ -103,7 +181,8 @@ def _rows(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
     outputs = {name: ds[trace].values for name, trace in OUTPUTS.items()}
     rising = (outputs["rising"] > 0.0).astype(float)
     switches = np.cumsum(np.abs(np.diff(rising, prepend=0.0)))
-    return inputs | {"reset": reset} | outputs | {"rising": rising, "switches": switches}
+    made = {"reset": reset, "start_command": np.zeros(reset.size), "rising": rising, "switches": switches}
+    return inputs | outputs | made
 
 
 def _records(controller: Controller) -> list[dict[str, Array]]:

@@ -39,10 +39,12 @@ _PLAIN = {
 
 
 def plain_text(text: str) -> str:
-    """A text in ASCII, as the oldest tools read it."""
+    """A text in ASCII, as the oldest tools read it, that cannot begin or end a comment or a string of any language."""
     spelled = "".join(_PLAIN.get(letter, letter) for letter in text)
     plain = unicodedata.normalize("NFKD", spelled).encode("ascii", "ignore").decode()
-    return plain.replace('"""', "'''").replace("*/", "* /").replace("*)", "* )").replace("``", "`").replace("\\", "/")
+    shown = "".join(letter if letter.isprintable() or letter == "\n" else " " for letter in plain)
+    apart = re.sub(r"(?<=\*)(?=[/)])|(?<=[/(])(?=\*)", " ", shown.replace("\\", "/"))
+    return apart.replace('"', "'").replace("``", "`")
 
 
 def number(value: float) -> str:

@@ -114,6 +114,11 @@ def test_a_file_name_becomes_part_of_names(tmp_path):
         ({}, "valve.py", "c", "NAME.c in a folder that exists"),
         ({}, "missing/valve.c", "c", "NAME.c in a folder that exists"),
         ({}, "é.c", "c", "a name of letters"),
+        ({}, "a*).st", "st", "a name of letters"),
+        ({}, "a\nT_sup,T_set\n1.c", "c", "a name of letters"),
+        ({}, "a\x1b[2J.py", "python", "a name of letters"),
+        ({}, "csv.py", "python", "it would hide Python's module csv: choose another name"),
+        ({}, "Math.py", "python", "it would hide Python's module Math"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, values, path, language, words):
@@ -171,10 +176,10 @@ def test_a_file_that_fastcoil_did_not_write_is_never_replaced(tmp_path, name, la
 
 def test_the_check_in_python_says_what_it_cannot_read(tmp_path):
     code = export(tmp_path, "python", backlash_estimate=0.05)
-    for content in (None, "", "T_sup;T_set\n14;14\n", "T_sup,T_set,enabled,reset,command\n14,14,1\n"):
+    for content in (None, b"\xff\n"):
         other = tmp_path / "other.csv"
         if content is not None:
-            other.write_text(content)
+            other.write_bytes(content)
         ran = subprocess.run([sys.executable, code, other], capture_output=True, text=True, timeout=60, check=False)
         assert ran.returncode == 1
         assert "cannot be read as vectors of this controller" in ran.stderr

@@ -124,11 +124,34 @@ def own_pid(now, p, memory):
     return p.kp * now.e + integral + p.damping * slope, Started(integral, now.e)
 
 
+HOSTILE = '*/ *) /* (* """ \' \\ *\\ **// *\n= 1 // {{ 1 }} #: END_VAR "'
+
+
+class Labelled(NamedTuple):
+    gain: float = fc.parameter(0.01, text=HOSTILE)
+
+
+class Seen(NamedTuple):
+    last: float = 0.0
+    """What was seen last */ *) /* (* "" \\ *\\"""
+
+
+@fc.estimator(Labelled, Seen)
+def by_words(now, p, memory):
+    '''Moves */ *) /* (* ""
+
+    and *\\ ends with ""'''  # noqa: D209, D300, D301, D400 — what is tried
+    # a comment */ *) /* (* *\\ with \"\"\" ends \\
+    x = p.gain * abs(now.e)  # and another *\\
+    return x + 1e-3 * memory.last, Seen(x)
+
+
 LOOPS = {
     "estimator": {"estimator": rules.by_error, "noise_std": 0.05},
     "law": {"law": rules.own_pi, "backlash_estimate": 0.05},
     "everything": {"estimator": by_all_means, "plant_gain": 12.0},
     "corners": {"estimator": by_corners, "plant_gain": 12.0},
+    "words": {"estimator": by_words},
     "both": {
         "law": own_pid, "estimator": by_all_means, "plant_gain": 12.0, "error_dead_band": 0.1, "estimate_share": 0.9,
         "action": "heating", "T_initial": 30.0,
@@ -138,7 +161,13 @@ LOOPS = {
 
 @pytest.mark.parametrize(
     "name",
-    ["everything", "both", "corners", *(pytest.param(name, marks=pytest.mark.full) for name in ("estimator", "law"))],
+    [
+        "everything",
+        "both",
+        "corners",
+        "words",
+        *(pytest.param(name, marks=pytest.mark.full) for name in ("estimator", "law")),
+    ],
 )
 @pytest.mark.parametrize("language", WORST)
 def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
