@@ -23,17 +23,20 @@ _GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "{}"))
 _STATUS = re.compile(r"\{.*\}")  # A status instead of a number
 _ON = frozenset(("on", "true", "yes", "active", "enabled", "run", "running", "start", "started"))
 _OFF = frozenset(("off", "false", "no", "inactive", "disabled", "stop", "stopped"))
-_NUMBER = re.compile(r"(?P<number>[+-]?[\d.,’' \u00a0\u202f]*\d[.,]?(?:[eE][+-]?\d+)?)\s*(?P<rest>\D.*)?", re.DOTALL)
+_NUMBER = re.compile(
+    r"(?P<number>[+-]?[\d.,’' \u00a0\u202f]*\d[.,]?(?:[eE][+-]?\d+)?)\s*(?P<rest>\D.*)?", re.DOTALL | re.ASCII
+)
 _GROUPED = {
     mark: re.compile(
-        rf"[+-]?\d{{1,3}}([{re.escape(others)}’' \u00a0\u202f])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(mark)}\d*)?"
+        rf"[+-]?\d{{1,3}}([{re.escape(others)}’' \u00a0\u202f])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(mark)}\d*)?", re.ASCII
     )
     for mark, others in ((".", ","), (",", "."))
 }
 """A number with separators of thousands, by its decimal mark."""
 _POINT = re.compile(r"\.\d")
 _PLAIN = {
-    mark: re.compile(rf"[+-]?(?:\d+{re.escape(mark)}?\d*|{re.escape(mark)}\d+)(?:[eE][+-]?\d+)?") for mark in ".,"
+    mark: re.compile(rf"[+-]?(?:\d+{re.escape(mark)}?\d*|{re.escape(mark)}\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+    for mark in ".,"
 }
 _ONE_GROUP = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
 """One thousand or one and some thousandths: ambiguous without other numbers."""
@@ -137,7 +140,8 @@ def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
 
 
 def _plain_numbers(cells: Sequence[str], writing: Writing) -> Array:
-    if writing.mark == ".":
+    text = "".join(cells)
+    if writing.mark == "." and text.isascii() and "_" not in text:
         with contextlib.suppress(ValueError):
             return np.array([float(cell) for cell in cells], dtype=np.float64)
     return np.array([_plain_number(cell, writing) for cell in cells], dtype=np.float64)
@@ -148,7 +152,7 @@ def _plain_number(cell: str, writing: Writing) -> float:
     if writing.mark == "," and ("," in cell or "." in cell):
         return _written(cell.strip(), writing) if len(cell) <= MOST_LETTERS else np.nan
     try:
-        return float(cell)
+        return float(cell) if cell.isascii() and "_" not in cell else np.nan
     except ValueError:
         return np.nan
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,8 +14,8 @@ import numpy as np
 from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, path_of, plain
 from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, collecting, nearest, shown
-from fastcoil.logs.series import COLUMNS, TIMES, Series, counted, first_row
-from fastcoil.logs.table import STATUS, Table, label_and_unit
+from fastcoil.logs.series import COLUMNS, TEMPERATURE, TIMES, Series, counted, first_row
+from fastcoil.logs.table import STATUS, TIME_HEADERS, Table, label_and_unit
 from fastcoil.logs.timestamps import is_time, time_format_of
 from fastcoil.model.parameter_table import Parameter
 
@@ -84,6 +85,10 @@ class Reading:
         """An argument of the function, and the option of the command that does the same."""
         return f"{argument}, {option}" if self.has_command else argument
 
+    def unit_cure(self, name: str, unit: str) -> str:
+        """How to declare the unit of ``name``."""
+        return self.cure(f"units={{{name!r}: {unit!r}}}", f"--unit {name}='{unit}'")
+
     def column_cure(self, name: str) -> str:
         """How to say which column holds ``name``."""
         return self.cure(f"columns={{{name!r}: 'its header'}}", f"--column {name}='its header'")
@@ -121,10 +126,10 @@ def max_gap_of(max_gap: Any) -> float | None:
 
 
 def log_of(name: str, source: Any) -> Any:
-    """A log as it can be read: the path of a CSV file, or a Dataset."""
-    if hasattr(type(source), "data_vars"):
+    """A log as it can be read: the path of a CSV file, a Dataset, or a DataFrame."""
+    if hasattr(type(source), "data_vars") or (hasattr(type(source), "iloc") and hasattr(type(source), "columns")):
         return source
-    return path_of(name, source, "give the path of a CSV file or an xarray.Dataset")
+    return path_of(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
 
 
 _GOOD = frozenset(("ok", "{ok}", "{}", "good", "normal", "valid"))
@@ -176,8 +181,9 @@ def _is_status(cell: str) -> bool:
 _OUTPUTS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
 _LONGEST_HEADER = 100  # characters of a header that a message repeats
 _MOST_NAMED = 3  # A message names this many unknown columns and counts the rest
-_PERCENT, _FAR_ABOVE_1, _ROWS_LOOKED_AT = "%", 11.0, 10_000
-_FLOAT = re.compile(r"\d{1,3}(?:\.\d{0,20})?")
+_FAR_ABOVE_1, _ROWS_LOOKED_AT = 11.0, 10_000
+_LEAST_OF_F, _MOST_OF_C = 32.0, 45.0  # numbers of °F, and of °C of air at a coil
+_FLOAT = re.compile(r"[0-9]{1,3}(?:\.[0-9]{0,20})?")
 _MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name, which takes a millisecond each
 
 
@@ -233,7 +239,13 @@ def find_unit(table: Table, series: Series, column: int, given: str | None, has_
 
     has_command: whether a command has an option for the argument ``units``, for the message.
     """
-    declared, header = table.declared_unit(column), table.header[column]
+    units, header = table.declared_units(column), table.header[column]
+    if len(units) > 1 and not series.is_same_unit(*units):
+        table.problems.append(
+            f"{series.name} is in {shown(units[0])} by its header, in {shown(units[1])} by the row of units: delete one"
+        )
+        return None
+    declared = units[0] if units else None
     if given and declared and not table.units and not header.endswith("]"):
         if not series.is_same_unit(given, declared):
             table.notes.append(
@@ -245,11 +257,9 @@ def find_unit(table: Table, series: Series, column: int, given: str | None, has_
         both = f"{shown(declared)} by its header, in {shown(given)} by units"
         table.problems.append(f"{series.name} is in {both}: drop one")
     elif not unit:
-        of_percent = _PERCENT in series.units and _reads_as_percent(table, column)
-        meant = _PERCENT if of_percent else series.unit
-        cure = table.unit_cure.format(header=header if len(header) <= _LONGEST_HEADER else "…", unit=meant)
-        cure += f", or pass units={{{series.name!r}: {meant!r}}}" + f", --unit {series.name}='{meant}'" * has_command
-        why = ", and its values look like percent" if of_percent else ""
+        meant, why = _unit_by_numbers(table, series, column)
+        cure = f"{table.cure_of_unit(column, meant)}, or pass units={{{series.name!r}: {meant!r}}}"
+        cure += f", --unit {series.name}='{meant}'" * has_command
         table.problems.append(f"{series.name} has no unit{why}: {cure} ({series.known_units})")
     else:
         with collecting(table.problems):
@@ -257,10 +267,16 @@ def find_unit(table: Table, series: Series, column: int, given: str | None, has_
     return None
 
 
-def _reads_as_percent(table: Table, column: int) -> bool:
-    """Whether the numbers of a column are far above 1, and none above 100."""
+def _unit_by_numbers(table: Table, series: Series, column: int) -> tuple[str, str]:
+    """The unit that the numbers of a column suggest, and the end of a sentence that says why."""
     numbers = [float(row[column]) for row in table.rows[:_ROWS_LOOKED_AT] if _FLOAT.fullmatch(row[column].strip())]
-    return bool(numbers) and _FAR_ABOVE_1 < max(numbers) <= 100.5
+    if numbers and "%" in series.units and _FAR_ABOVE_1 < max(numbers) <= 100.5:
+        return "%", ", and its values look like percent"
+    if numbers and series.units is TEMPERATURE and median(numbers) >= _LEAST_OF_F:
+        if series.name in ("T_sup", "T_set", "T_a_in") and median(numbers) > _MOST_OF_C:
+            return "degF", ", and its values look like °F"
+        return series.unit, ", and its values may be °C or °F"
+    return series.unit, ""
 
 
 def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) -> dict[str, int]:
@@ -270,16 +286,20 @@ def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) 
     """
     unknown = []
     found = asked_columns(table, how.columns or {})
+    labels = [label_and_unit(cell)[0] for cell in table.header]
+    time = table.time_column() if not {*TIMES} & {*labels, *found} else None
+    if time is not None and (labels[time].lower() == "timestamp" or is_time(table.rows[0][time])):
+        found |= {"timestamp": time} if labels[time].lower() in TIME_HEADERS else {}
     asked, of_status = set(how.columns or {}), status_columns(table)
     for column, cell in enumerate(table.header):
-        label = label_and_unit(cell)[0]
+        label = labels[column]
         if label in names and label in found and label not in asked and label in (*wanted.names, *TIMES):
             both = f"{shown(table.header[found[label]])} and {shown(cell)}"
             cure = how.cure(f"columns={{{label!r}: {cell!r}}}", f"--column {label}={cell!r}")
             table.problems.append(f"{label} is in two columns, {both}: delete one, or say which to read: {cure}")
         elif label in names:
             found.setdefault(label, column)
-        elif column not in of_status:
+        elif column not in of_status and column not in found.values():
             unknown.append(cell)
     if how.columns is None:
         example = wanted.names[0]

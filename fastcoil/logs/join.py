@@ -16,12 +16,8 @@ from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
 from fastcoil.logs.readings import read_columns
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.logs.table import Table, label_and_unit
-from fastcoil.logs.timestamps import MICROSECONDS, in_zone, is_time, offset_text
+from fastcoil.logs.timestamps import MICROSECONDS, in_zone, offset_text
 
-_TIMES = (
-    "timestamp", "time", "date", "datetime", "date time", "date/time", "time stamp", "zeit", "zeitstempel", "datum",
-)  # fmt: skip
-"""Headers of a column of times, in small letters."""
 POINTS = [name for name in COLUMNS if name not in ("elapsed_time", "batch")]
 """What a point may be."""
 _ROWS_LOOKED_AT = 1000  # A column without a number in them is one of remarks
@@ -98,7 +94,9 @@ def _points_of(
     table: Table, path: Path, columns: Mapping[str, str], used: set[str], how: Reading, time_zone: str | None
 ) -> list[Point]:
     """The points of a file; their names by ``columns`` join those that are ``used``."""
-    time = _time_column(table)
+    time = table.time_column()
+    if time is None:
+        raise InputError(f"{table.name} has no column of times: call it timestamp")
     named = _names(table, path, time, columns, used)
     with collecting(table.problems):
         stamps = read_times(table, time, how)
@@ -158,16 +156,6 @@ def _names(table: Table, path: Path, time: int, columns: Mapping[str, str], used
     if left:
         table.notes.append(f"{counted(len(left), 'column')} left out: {', '.join(map(shown, left[:3]))}")
     return named
-
-
-def _time_column(table: Table) -> int:
-    """Index of the column of times: by its header, or the first one if it has times."""
-    for k, header in enumerate(table.header):
-        if header.strip().lower() in _TIMES:
-            return k
-    if is_time(table.rows[0][0]):
-        return 0
-    raise InputError(f"{table.name} has no column of times: call it timestamp")
 
 
 _NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)  # steps of a clock, s

@@ -12,9 +12,9 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import Reading, Wanted, find_columns
 from fastcoil.logs.pieces import RowTimes, longest_bridged, number_pieces, rows_at
-from fastcoil.logs.readings import fill_or_cut, read_columns
+from fastcoil.logs.readings import fill_or_cut, question_units, read_columns, refuse_supersaturation
 from fastcoil.logs.series import COLUMNS
-from fastcoil.logs.table import Table, table_of
+from fastcoil.logs.table import Table, table_of, table_of_frame
 from fastcoil.model import moist_air
 
 _AS_IT_IS = Reading()
@@ -115,12 +115,17 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     Parameters
     ----------
     source
-        Path of a CSV file, or an ``xarray.Dataset`` along ``elapsed_time`` (or ``timestamp``, of datetime64) with
-        units as attributes.
+        Path of a CSV file, a pandas DataFrame with the columns of one, or an ``xarray.Dataset`` along ``elapsed_time``
+        (or ``timestamp``, of datetime64) with units as attributes.
     wanted, how
         The series to read, and how to read them.
     """
-    table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, how.columns, COLUMNS)
+    if isinstance(source, (str, Path)):
+        table = Table.read(source)
+    elif hasattr(type(source), "iloc"):
+        table = table_of_frame(source)
+    else:
+        table = table_of(source, how.columns, COLUMNS)
     found = find_columns(table, how, wanted)
     stamped = "timestamp" in found
     if how.time_format is not None and not stamped:
@@ -128,6 +133,8 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     table.stop_if_wrong()
     at = rows_at(table, found["timestamp"], how) if stamped else None
     readings = read_columns(table, found, how, wanted)
+    question_units(table, readings, found, how)
+    refuse_supersaturation(table, readings, how.constants or {})
     known = readings.known
     at = at or RowTimes(known.get("elapsed_time", np.zeros(0)))
     time = at.since

@@ -112,6 +112,7 @@ def _changed(series: Array) -> Mask:
 
 _DAY = 86400.0
 _HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
+_FEW, _MOST_BACK = 5, 1 / 3  # if more steps than both go back in time, no part of the log is in order
 _MANY = 0.1  # if more than this share of the steps go back in time, the log is out of order
 
 
@@ -177,7 +178,8 @@ def number_pieces(
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     new = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     back = (steps <= 0.0) & ~new
-    if back.any() and how.jumps != "split":
+    shuffled = back.sum() > _FEW and back.mean() > _MOST_BACK
+    if back.any() and (how.jumps != "split" or shuffled):
         table.problems.append(_backward(time, back, rows, how, stamped))
         return Pieces(np.zeros(time.size, dtype=np.int64), False)
     if back.any():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
 from fastcoil.logs.columns import Reading, Wanted, find_unit, marked_by_status
+from fastcoil.logs.plausibility import above_saturation, are_exchanged, misread_units
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
 
@@ -30,6 +32,7 @@ class Readings:
 
     known: numbers in our units by name, (n,).  bad: where they may not be used.  missing: where a cell says that there
     is no value.  notes: what was taken for something else.  complaints: a sentence for each column with bad numbers.
+    units: of the columns, as declared.
     """
 
     known: dict[str, Array] = field(default_factory=dict)
@@ -37,6 +40,7 @@ class Readings:
     missing: dict[str, Mask] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     complaints: list[str] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
 
 
 def read_columns(
@@ -80,7 +84,52 @@ def read_columns(
         if unit == "V" and series.units is TRAVEL:
             _suspect_live_zero(series, values[~bad], how, table.notes)
         readings.known[name], readings.bad[name], readings.missing[name] = values, bad, missing
+        readings.units[name] = unit
     return readings
+
+
+def question_units(table: Table, readings: Readings, found: Mapping[str, int], how: Reading) -> None:
+    """Make a problem of each unit that the numbers contradict, and of set-point and temperature exchanged."""
+    trusted = {name for name in how.units if name in found and table.declared_units(found[name])}
+    values = {name: np.where(readings.bad[name], np.nan, known) for name, known in readings.known.items()}
+    for name, meant in misread_units(values, readings.units, trusted).items():
+        unit, k = readings.units[name], int(np.argmax(np.isfinite(values[name])))
+        cell, row = shown(table.rows[k][found[name]].strip()), table.row_numbers[k]
+        table.problems.append(
+            f"{name} is {cell} in row {row}, and its unit {unit}: its numbers look like {meant}: "
+            f"{table.cure_of_unit(found[name], meant)}; if {unit} is right, declare it in the log and "
+            f"with {how.unit_cure(name, unit)}"
+        )
+    if {"T_sup", "T_set"} <= values.keys() and are_exchanged(values["T_sup"], values["T_set"]):
+        k = int(np.argmax(np.diff(values["T_set"]) != 0.0)) + 1
+        table.problems.append(
+            f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup stands still, as if they "
+            "were exchanged: exchange the two headers"
+        )
+
+
+def refuse_supersaturation(table: Table, readings: Readings, constants: Mapping[str, float]) -> None:
+    """Air above saturation is a bad value of its humidity, and a problem where most rows have it."""
+    known: dict[str, Any] = {**constants, **readings.known}
+    name, above = above_saturation(known)
+    if not above.any():
+        return
+    rows = name if name in readings.known else "T_a_in"
+    if rows in readings.known:
+        above &= ~(readings.bad[rows] | readings.bad.get("T_a_in", False))
+    k, n_rows = int(np.argmax(above)), len(table.rows)
+    humidity, T = (float(np.broadcast_to(known[one], n_rows)[k]) for one in (name, "T_a_in"))
+    unit = COLUMNS[name].unit
+    said = (
+        f"{name} = {humidity:.4g}{' kg/kg' if unit == '1' else f' {unit}'} in row {table.row_numbers[k]} is above "
+        f"saturation at T_a_in = {T:.4g} degC: check the units of both, or give the values that belong together"
+        f"{in_total(int(above.sum()))}"
+    )
+    if rows not in readings.known or 2 * above.sum() > n_rows:
+        table.problems.append(said)
+    elif above.any():
+        readings.complaints.append(said)
+        readings.bad[rows] = readings.bad[rows] | above
 
 
 def read_numbers(table: Table, series: Series, column: int, unit: str | None = None) -> Array:
@@ -128,11 +177,12 @@ def _unit_of(
     first = next(iter(cells.units.values()))
     with collecting(table.problems):
         unit = series.spelled(first)
-        declared = table.declared_unit(column) or given
+        by_header = next(iter(table.declared_units(column)), None)
+        declared = by_header or given
         odd = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
         bare = [k for k in np.flatnonzero(~np.isnan(cells.values)).tolist() if k not in cells.units]
         if declared and not series.is_same_unit(declared, unit):
-            where = "by its header" if table.declared_unit(column) else "by units"
+            where = "by its header" if by_header else "by units"
             table.problems.append(f"{series.name} is in {shown(first)} by its cells, in {shown(declared)} {where}")
         elif odd or (bare and not declared):
             k = (odd or bare)[0]

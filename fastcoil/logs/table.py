@@ -26,6 +26,7 @@ from fastcoil.logs.series import counted, is_unit
 from fastcoil.logs.timestamps import is_clock, is_date, is_time
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 
@@ -177,8 +178,13 @@ def _first_words(rows: Numbered) -> str:
 
 _DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
 _ROWS_WITH_CLOCK = 3  # rows that are looked at
+TIME_HEADERS = (
+    "timestamp", "time", "date", "datetime", "date time", "date/time", "time stamp", "zeit", "zeitstempel", "datum",
+)  # fmt: skip
+"""Headers of a column of times, in small letters."""
 STATUS = ("status", "quality")
 """Headers of columns that say which values of a row count."""
+_LONGEST_LABEL = 100  # characters of a header that a message repeats
 _LONGEST_HEADER = 200  # longest header in which a unit without brackets is looked for, letters
 
 
@@ -334,11 +340,24 @@ class Table:
         labels = [label_and_unit(cell)[0] for cell in self.header]
         return labels.index(header) if header in labels else self.joined.get(header)
 
-    def declared_unit(self, column: int) -> str | None:
-        """Unit of a column by its header, or by a row of units below."""
+    def time_column(self) -> int | None:
+        """Index of the column of times: by its header, or the first one if it has times; None if there is none."""
+        for k, header in enumerate(self.header):
+            if header.strip().lower() in TIME_HEADERS:
+                return k
+        return 0 if is_time(self.rows[0][0]) else None
+
+    def declared_units(self, column: int) -> list[str]:
+        """Units of a column by its header and by a row of units below; empty if it has none."""
         by_header = label_and_unit(self.header[column])[1]
         below = self.units[column] if self.units else ""
-        return by_header if by_header is not None else below or None
+        known_below = below and (by_header is None or is_unit(below))
+        return [unit for unit in (by_header, below if known_below else None) if unit is not None]
+
+    def cure_of_unit(self, column: int, unit: str) -> str:
+        """How to declare the unit of a column in the log itself."""
+        label = label_and_unit(self.header[column])[0]
+        return self.unit_cure.format(header=label if len(label) <= _LONGEST_LABEL else "…", unit=unit)
 
     def check_names(self, what: str, given: Iterable[str], known: Iterable[str]) -> None:
         """Every name ``given`` in the argument ``what`` that is not ``known`` is a problem."""
@@ -371,8 +390,6 @@ def table_of(ds: xr.Dataset, columns: Mapping[str, str] | None, names: Collectio
     They lie along one coordinate: ``elapsed_time``, or one of datetime64 called so, ``timestamp`` or ``time``.  Rows
     count from 0, as in ``isel``.
     """
-    if not hasattr(ds, "data_vars"):
-        raise InputError(f"log is a {type(ds).__name__}: give the path of a CSV file or an xarray.Dataset")
     asked = dict(columns or {})
     dims = [d for d in (*(asked.get(n, n) for n in _TIMES), *_TIMES) if d in ds.coords and ds[d].dims == (d,)]
     if not dims:
@@ -396,6 +413,30 @@ def table_of(ds: xr.Dataset, columns: Mapping[str, str] | None, names: Collectio
         cells.append(_cells(ds[name].values))
     rows = [list(row) for row in zip(*cells, strict=True)]
     return Table("Dataset", header, rows, list(range(len(rows))), unit_cure="give it attrs['units'] = '{unit}'")
+
+
+def table_of_frame(frame: pd.DataFrame) -> Table:
+    """The columns of a pandas DataFrame, named as in the header of a file; a named or datetime index is one of them.
+
+    Rows count from 0, as in ``iloc``.
+    """
+    columns = [(str(name).strip(), frame.iloc[:, k]) for k, name in enumerate(frame.columns)]
+    if frame.index.dtype.kind == "M":
+        columns.insert(0, ("timestamp", frame.index))
+    elif frame.index.name is not None:
+        columns.insert(0, (str(frame.index.name), frame.index))
+    header = [name for name, _ in columns]
+    cells = [
+        [stamp.isoformat() for stamp in column] if column.dtype.kind == "M" else _cells(column.values)
+        for _, column in columns
+    ]
+    rows = [list(row) for row in zip(*cells, strict=True)]
+    if len(rows) < 2:
+        raise InputError("the DataFrame has fewer than two rows: give a longer log")
+    table = Table("DataFrame", header, rows, list(range(len(rows))), unit_cure="name the column '{header} [{unit}]'")
+    table._check_header(0)
+    table.stop_if_wrong()
+    return table
 
 
 def _time(time: xr.DataArray, asked: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:

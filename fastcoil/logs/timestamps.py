@@ -113,10 +113,16 @@ def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: s
     return _of_parts(parts, row_numbers, f"is not as the others: mend it, or say how to read them: {how_to_say}", cure)
 
 
+_DIGITS_OF_TIME = re.compile(r"(?:19|20)[0-9]{2}(?:0[1-9]|1[0-2])[0-3][0-9][0-2][0-9](?:[0-5][0-9]){0,2}")
+
+
 def timestamp_of(cell: str) -> datetime | None:
-    """The time in a cell (ISO 8601), or None."""
+    """The time in a cell (ISO 8601, also without any marks between the digits), or None."""
+    text = cell.strip()
+    if _DIGITS_OF_TIME.fullmatch(text):
+        text = f"{text[:8]}T{text[8:]}"
     try:
-        return datetime.fromisoformat(cell.strip())
+        return datetime.fromisoformat(text)
     except ValueError:
         return None
 
@@ -151,7 +157,7 @@ def _by_pattern(cell: str, pattern: str) -> datetime | None:
 
 def _number(cell: str) -> float:
     try:
-        return float(cell.replace(",", ".")) if len(cell) <= MOST_LETTERS else np.nan
+        return float(cell.replace(",", ".")) if len(cell) <= MOST_LETTERS and "_" not in cell else np.nan
     except ValueError:
         return np.nan
 
@@ -268,12 +274,11 @@ def _on_clock(
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _WRITTEN = re.compile(
     r"\s*(?:(?i:mon|tue|wed|thu|fri|sat|sun)[a-z]{0,6},?\s+)?"
-    r"(?P<a>\d{1,4}|[A-Za-z]{3,9})(?P<mark>[-./ ])(?P<b>\d{1,2}|[A-Za-z]{3,9}),?(?P=mark)(?P<c>\d{1,4})"
-    r"(?:[T,\s]\s*(?P<h>\d{1,2}):(?P<min>\d{2})(?::(?P<s>\d{2})(?:[.,](?P<part>\d{1,9}))?)?"
+    r"(?P<a>[0-9]{1,4}|[A-Za-z]{3,9})(?P<mark>[-./ ])(?P<b>[0-9]{1,2}|[A-Za-z]{3,9}),?(?P=mark)(?P<c>[0-9]{1,4})"
+    r"(?:[T,\s]\s*(?P<h>[0-9]{1,2}):(?P<min>[0-9]{2})(?::(?P<s>[0-9]{2})(?:[.,](?P<part>[0-9]{1,9}))?)?"
     r"\s*(?:(?P<half>[AaPp])\.?[Mm]\.?(?![A-Za-z]))?"
-    r"\s*\(?(?:(?P<utc>Z)|(?:UTC|GMT)?(?P<offset>[+-]\d{2}:?\d{2}|[+-]\d{1,2}))?"
-    r"\s*[\[]?(?P<zone>[A-Za-z_/]{1,32})?[)\]]?)?\s*",
-    re.ASCII,
+    r"\s*\(?(?:(?P<utc>Z)|(?:UTC|GMT)?(?P<offset>[+-][0-9]{2}:?[0-9]{2}|[+-][0-9]{1,2}))?"
+    r"\s*[\[]?(?P<zone>[A-Za-z_/]{1,32})?[)\]]?)?\s*"
 )
 _UNEVEN = 5.0  # the order of day and month that makes a log this much longer than the other one, and uneven, is wrong
 

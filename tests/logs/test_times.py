@@ -278,10 +278,15 @@ def test_a_row_without_its_time_of_day_is_named(tmp_path):
 
 
 def test_a_column_of_times_under_another_name_is_named_with_the_option(tmp_path):
-    text = text_of(rows(), ("Date/Time", *HEADER[1:]))
+    text = text_of(rows(), ("Logged", *HEADER[1:]))
     said = only_problem(read, tmp_path, text, columns={"command": "command"})
-    assert "'Date/Time' has times" in said
-    assert "--column timestamp='Date/Time'" in said
+    assert "'Logged' has times" in said
+    assert "--column timestamp='Logged'" in said
+
+
+@pytest.mark.parametrize("header", ["Timestamp", "Date/Time", "Zeitstempel", "DATE"])
+def test_the_usual_headers_of_times_are_timestamps(tmp_path, header):
+    assert_same_log(read(tmp_path, text_of(rows(), (header, *HEADER[1:]))))
 
 
 def test_two_columns_of_one_name_and_two_names_of_one_column_are_refused(tmp_path):

@@ -21,6 +21,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.columns import asked_columns
+from fastcoil.logs.plausibility import above_saturation
 from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Series, counted, in_total, warn_of_reading
 from fastcoil.logs.table import Table
@@ -155,8 +156,27 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         row = table.row_numbers[jump]
         table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
-    table.stop_if_wrong()
+    _require_plausible(table, weather)
     return Weather(weather, 60, table.notes)
+
+
+def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
+    """Refuse dew points above the temperature beside them, and fractions read as percent; and all other problems."""
+    if not table.problems and "T_dewpoint" in series:
+        dew, T = series["T_dewpoint"], series["T_drybulb"]
+        _, above = above_saturation({"T_dp_in": dew, "T_a_in": T})
+        if above.any():
+            k = int(np.argmax(above))
+            table.problems.append(
+                f"T_dewpoint = {dew[k]:g} degC in row {table.row_numbers[k]} is above T_drybulb = {T[k]:g} degC: check "
+                f"their units, or exchange the columns{in_total(int(above.sum()))}"
+            )
+    if not table.problems and "RH" in series and 0.0 < series["RH"].max() <= 0.01:
+        table.problems.append(
+            f"RH is at most {100 * series['RH'].max():.3g} %, first in row {table.row_numbers[0]}: it looks like a "
+            "fraction, write 'RH [1]' in the header and pass columns={'RH': 'RH'}"
+        )
+    table.stop_if_wrong()
 
 
 # ---------------------------------------------------------------------------------------------------- EPW and TMY3
@@ -289,7 +309,7 @@ def _read_year(file: str, lines: Sequence[str], layout: Layout, fields: Mapping[
         name: read_numbers(table, WEATHER_COLUMNS[name][0], table.header.index(name), fields[name].unit)
         for name in used
     }
-    table.stop_if_wrong()
+    _require_plausible(table, series)
     begins, weekday = layout.weekday
     known = weekday in WEEKDAYS and begins == f"{times['month'][0]:g}/{times['day'][0]:g}"
     minutes = 60 // layout.per_hour

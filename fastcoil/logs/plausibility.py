@@ -1,0 +1,125 @@
+"""Whether columns can be in the units that they declare: each by its numbers, and together by physics.
+
+A unit that header and caller both declare is trusted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from fastcoil.base.arrays import Array, Mask
+from fastcoil.logs.series import COLUMNS, FRACTION, HUMIDITIES, HUMIDITY_RATIO, TRAVEL
+from fastcoil.model import moist_air
+
+_AIR = ("T_sup", "T_set")
+_TEMPERATURES = (*_AIR, "T_a_in", "T_w_in")
+_COLDEST, _WARMEST, _WARMEST_ENTERING = 2.0, 50.0, 45.0  # medians of air at a coil, degC
+_HOT_WATER = 5.0  # by which water is warmer than air that it heats, K
+_OFF_SET = 12.0  # by which the medians of temperature and set-point differ at most, K
+_BELOW, _ABOVE = 5.0, 10.0  # by which supply air lies outside entering air and water: sensors, fan, K
+_LEAST_OF_F, _MOST_OF_C = 32.0, 45.0  # numbers of °F, and of °C
+_FEWEST_VALUES, _LEAST_TRAVEL = 5, 0.2  # of a command that is a fraction, and not a valve that leaks
+_LEAST_G = 0.1  # g/kg
+_SLACK_DEW_POINT, _SLACK_W, _LOWEST_PRESSURE = 1.0, 1.05, 75e3
+"""A reading so far above saturation, K and a share, at a pressure up in the mountains, Pa, is none of air."""
+_FEWEST_ROWS, _MOVES, _STANDS = 50, 0.5, 0.05
+"""A set-point that changes in more than one share of the rows, while the temperature does in less than the other."""
+
+
+def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted: Collection[str]) -> dict[str, str]:
+    """The unit that columns seem to be in, by name, where it is not the declared one.
+
+    Parameters
+    ----------
+    values, units
+        Readings in our units, NaN where there is none, and the declared units, by name.
+    trusted
+        Names of columns whose unit is not questioned.
+    """
+    numbers = {}
+    for name, one in values.items():
+        scale, offset = COLUMNS[name].units[units[name]]
+        numbers[name] = (one[np.isfinite(one)] - offset) / scale
+    found = {}
+    for name, one in numbers.items():
+        family, unit = COLUMNS[name].units, units[name]
+        if name in trusted or not one.size or family[unit][0] == 1.0:
+            continue
+        top = float(one.max())
+        is_fraction = family in (FRACTION, TRAVEL) and 0.0 < top <= 1.0
+        moves = top > _LEAST_TRAVEL and np.unique(one).size >= _FEWEST_VALUES
+        if family is HUMIDITY_RATIO and 0.0 < top < _LEAST_G:
+            found[name] = "kg/kg"
+        elif is_fraction and (name == "RH_a_in" or moves):
+            found[name] = "1"
+    medians = {
+        name: float(np.median(numbers[name])) for name in _TEMPERATURES if name in numbers and numbers[name].size
+    }
+    return found | _misread_temperatures(medians, units, trusted)
+
+
+def _misread_temperatures(
+    medians: Mapping[str, float], units: Mapping[str, str], trusted: Collection[str]
+) -> dict[str, str]:
+    """The unit by name with which the median numbers of temperatures contradict nothing, if they do as declared."""
+    others = {}
+    for name, number in medians.items():
+        if units[name] == "degC" and number >= _LEAST_OF_F and name not in trusted:
+            others[name] = "degF"
+        elif units[name] == "degF" and number <= _MOST_OF_C and name not in trusted:
+            others[name] = "degC"
+
+    def contradicts(changed: Mapping[str, str]) -> bool:
+        family = COLUMNS["T_sup"].units
+        T = {}
+        for name, number in medians.items():
+            scale, offset = family[changed.get(name, units[name])]
+            T[name] = scale * number + offset
+        return _is_contradictory(T)
+
+    if not others or not contradicts({}):
+        return {}
+    trials = [{name: unit} for name, unit in others.items()] + [others] * (others.keys() == medians.keys())
+    return next((trial for trial in trials if not contradicts(trial)), {})
+
+
+def _is_contradictory(T: Mapping[str, float]) -> bool:
+    """Whether median temperatures [degC] contradict each other, or are none of a coil."""
+    air = [T[name] for name in _AIR if name in T]
+    warmest = 100.0 if air and T.get("T_w_in", -math.inf) >= max(air) + _HOT_WATER else _WARMEST
+    if any(not _COLDEST <= one <= warmest for one in air) or T.get("T_a_in", 0.0) > _WARMEST_ENTERING:
+        return True
+    if len(air) == 2 and abs(air[0] - air[1]) > _OFF_SET:
+        return True
+    if not T.keys() >= {"T_sup", "T_a_in", "T_w_in"}:
+        return False
+    low, high = sorted((T["T_a_in"], T["T_w_in"]))
+    return not low - _BELOW <= T["T_sup"] <= high + _ABOVE
+
+
+def above_saturation(values: Mapping[str, Array | float]) -> tuple[str, Mask]:
+    """The name of the humidity beside ``T_a_in``, and where it is above saturation, (n,) or (); blank without both.
+
+    values: readings in our units by name.  Sensors that read a little too much are not meant.
+    """
+    name = next((one for one in HUMIDITIES if one in values), "")
+    if name in ("", "RH_a_in") or "T_a_in" not in values:
+        return "", np.zeros(0, dtype=bool)
+    T, humidity = np.asarray(values["T_a_in"]), np.asarray(values[name])
+    with np.errstate(all="ignore"):
+        if name == "T_dp_in":
+            return name, np.asarray(humidity > T + _SLACK_DEW_POINT)
+        most = moist_air.humidity_ratio(np.clip(T, -40.0, 60.0), 1.0, _LOWEST_PRESSURE)
+        return name, np.asarray(humidity > _SLACK_W * most)
+
+
+def are_exchanged(T_sup: Array, T_set: Array) -> bool:
+    """Whether the temperature stands like a set-point while the set-point moves like a temperature."""
+    both = np.isfinite(T_sup) & np.isfinite(T_set)
+    if both.sum() < _FEWEST_ROWS:
+        return False
+    moves = [float(np.mean(np.diff(series[both]) != 0.0)) for series in (T_sup, T_set)]
+    return moves[0] < _STANDS and moves[1] > _MOVES
