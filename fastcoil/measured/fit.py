@@ -279,7 +279,7 @@ def _coil_figure(fit: Fit) -> Figure:
     from matplotlib.figure import Figure
 
     ds, rmse = fit.residuals, fit.rmse
-    parts = [part for part in (FITTING, VALIDATION) if (ds["part"] == part).any()]
+    parts = [part for part in (FITTING, VALIDATION) if part in rmse]
     fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 5.6), layout="constrained")
     rows = fig.subplots(3, len(parts), squeeze=False, sharex="col", height_ratios=(3, 2, 1.2))
     for part, (air, water, flows) in zip(parts, rows.T, strict=True):

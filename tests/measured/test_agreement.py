@@ -8,6 +8,8 @@ from helpers.refusals import refusal
 from helpers.simulated_logs import coil_log, flows, log_of, noisy, walk
 
 import fastcoil as fc
+from fastcoil.measured.diagnose import _answered
+from fastcoil.measured.grid import Grid
 
 pytestmark = pytest.mark.kernel
 
@@ -65,8 +67,18 @@ def test_no_size_is_claimed_of_a_command_that_does_not_answer_this_temperature(l
     found = fc.diagnose(log.assign(T_sup=other.T_sup), stroke_time=90.0)
     assert not found.identified
     assert "86 % of the command's changes: check that both are of one loop and one clock" in found.reason
-    moved = fc.diagnose(log.assign(T_sup=log.T_sup.copy(data=np.roll(log.T_sup, 2))), stroke_time=90.0)
-    assert moved.identified
+
+
+def test_a_temperature_that_stands_late_is_moved_back_before_the_command_is_compared_with_it(log):
+    values = {str(name): log[name].values for name in log.data_vars}
+    late = values | {"T_sup": np.roll(values["T_sup"], 4)}
+    on = np.arange(log.sizes["elapsed_time"]) > 10
+    own, moved, as_logged = (
+        _answered(Grid(10.0, log.elapsed_time.values, of, on, 0.0), by)
+        for of, by in ((values, 0), (late, 4), (late, 0))
+    )
+    assert moved == pytest.approx(own, abs=1e-3)
+    assert own > 0.99 > as_logged
 
 
 @pytest.mark.parametrize(
