@@ -83,6 +83,7 @@ def run(
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
     from fastcoil.base.machine import available_memory, gib
+    from fastcoil.loops.labels import sizes_in_words
     from fastcoil.loops.plan import check_disk, first_shards
     from fastcoil.loops.simulate import estimate_seconds, workers
     from fastcoil.model.engine.lanes import compile_kernel
@@ -98,7 +99,7 @@ def plan(study: Path, jobs: int | None) -> None:
     announce_compilation()
     compile_kernel()
     seconds = reading + estimate_seconds(planned, n_jobs)
-    sizes = " × ".join(f"{size} {dim}" for dim, size in planned.layout.sizes.items()) or "a single scenario"
+    sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"
     alone, each = planned.memory_of_run(n_jobs, "threads")
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from typing import NamedTuple
+from collections.abc import Hashable, Mapping
+from typing import Any, NamedTuple
 
 import xarray as xr
 
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
-from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
 _UNITS = {
     "1": "",
@@ -84,6 +84,14 @@ def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
     attrs = ds[dim].attrs
     unit = str(attrs.get("units", ""))
     return Quantity(str(attrs.get("long_name", dim)), _UNITS.get(unit, unit), 1.0, str(attrs["comment"]))
+
+
+def sizes_in_words(sizes: Mapping[Any, int]) -> str:
+    """The sizes of a result: ``2 days × 15 values of backlash``."""
+    return " × ".join(
+        f"{n:,} {dim}{'s' * (n != 1)}" if dim in RESERVED_DIMS else f"{n:,} value{'s' * (n != 1)} of {dim}"
+        for dim, n in sizes.items()
+    )
 
 
 def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:

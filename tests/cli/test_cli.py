@@ -26,8 +26,8 @@ def test_run_writes_results_and_figures_and_says_where(fastcoil, tmp_path):
     for path in ("results.nc", "figures/maps.png", "figures/bands.png"):
         assert f"results/small/{path}" in result.output
         assert (tmp_path / "results" / "small" / path).stat().st_size > 1000
-    assert "6 scenario-days (2 backlash × 3 estimate_ratio)" in result.output
-    assert "against the plain PI" in result.output
+    assert "6 scenario-days (2 values of backlash × 3 values of estimate_ratio)" in result.output
+    assert "Do this: " in result.output
     again = fastcoil("run", "small.toml", "--no-figures")
     assert again.exit_code == 0
     assert "finished: nothing to do" in again.output
@@ -55,7 +55,13 @@ def test_the_summary_of_a_resumed_run_does_not_time_what_an_earlier_one_did(fast
 def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
     result = fastcoil("plan", "small.toml")
     assert result.exit_code == 0, result.output
-    for part in ("6 (2 backlash × 3 estimate_ratio)", "3,600 s each, 21,600 in total", "Time:", "Memory:", "Disk:"):
+    for part in (
+        "6 (2 values of backlash × 3 values of estimate_ratio)",
+        "3,600 s each, 21,600 in total",
+        "Time:",
+        "Memory:",
+        "Disk:",
+    ):
         assert part in result.output
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
 

@@ -14,7 +14,7 @@ from fastcoil.base.machine import package_version
 from fastcoil.base.text import NONE
 from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
 from fastcoil.deliver.tables import escaped
-from fastcoil.loops.labels import quantity_of
+from fastcoil.loops.labels import quantity_of, sizes_in_words
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
 from fastcoil.model.parameter_table import PARAMETERS
@@ -36,7 +36,7 @@ def how(ds: xr.Dataset) -> Section:
     constants, loop = _mapping(ds.attrs.get("parameters")), study_tables(ds).get("loop")
     preset = str(loop.get("preset", "paper_like")) if isinstance(loop, dict) else "paper_like"
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
-    sizes = " × ".join(f"{size:,} {dim}" for dim, size in ds["status"].sizes.items())
+    sizes = sizes_in_words(ds["status"].sizes)
     spread = "swept" if noise is None else f"standard deviation {setting('noise_std', noise)}" if noise else "none"
     pairs = [
         ("Model", "closed loop of sensor, PI, backlash inverse, motor, valve with backlash and coil, after Cai and "

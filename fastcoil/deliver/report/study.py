@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import shlex
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -35,14 +34,13 @@ from fastcoil.deliver.report.page import (
 )
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
-from fastcoil.study.analysis.paired import Middle, middle_of
-from fastcoil.study.analysis.summary import Billing, cautions, findings, without_dead_band
+from fastcoil.study.analysis.paired import Middle, change_of, middle_of, without_off_days
+from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
 
 _UNITS = {"sample": "drawn valves", "day": "days", "replicate": "noise realisations"}
 """Dims that are chance, the first of them is what an interval is over."""
-_RATIOS = ("estimate_ratio", "backlash_estimate")
 _HEADS = {
     "rmse_settled": "settled RMS error [K]",
     "hunts": "share that hunts",
@@ -53,29 +51,25 @@ _SHOWN = ("rmse", *_HEADS)
 _MOST_NAMES, _MOST_FAILED = 40, 10
 
 
-class Comparison(NamedTuple):
-    """A table, and what it says in a sentence; empty where it compares nothing."""
-
-    table: Table
-    sentence: str = ""
-
-
-def comparisons(ds: xr.Dataset) -> list[Comparison]:
-    """A comparison for every dimension with labels."""
-    ds = ds[[name for name in (*_SHOWN, "status") if name in ds]].where(ds["status"] == STATUS_OK).drop_vars("status")
-    found, dims = [], [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
-    ratio = next((d for d in _RATIOS if d in dims and bool((ds[d] == 0.0).any())), None)
+def comparisons(ds: xr.Dataset) -> list[Table | Words]:
+    """A table for every dimension with labels, and before that of the gap or of names what it says in a sentence."""
+    ratio = estimate_dim(ds)
+    ds = without_off_days(ds[[name for name in (*_SHOWN, "status") if name in ds]])
+    ds = ds.where(ds["status"] == STATUS_OK).drop_vars("status")
+    dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
     plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), " with the plain PI")
+    found: list[Table | Words] = []
     for dim in dims:
         labels = ds[dim].values
         zero = int((labels == 0.0).argmax())
         if dim == ratio:
-            seen = without_dead_band(ds.where(ds["backlash"] > 0.0) if "backlash" in ds.coords else ds)
-            found.append(_against(seen, dim, zero, "the plain PI of the same loop", ""))
+            seen = comparable(ds)
+            chosen = int((labels == recommended(seen, dim)).argmax())
+            found.append(_against(seen, dim, zero, "the plain PI of the same loop", "", chosen)[-1])
         elif dim == "backlash" and labels[zero] == 0.0:
-            found.append(_against(plain, dim, zero, "the sound valve", only))
+            found += _against(plain, dim, zero, "the sound valve", only)
         elif labels.dtype.kind in "OUST" and labels.size <= _MOST_NAMES:
-            found.append(_against(plain, dim, 0, f"{labels[0]}, the first", only))
+            found += _against(plain, dim, 0, f"{labels[0]}, the first", only)
         elif is_parameter(ds, dim):
             found.append(_along(plain, dim, only))
     return found
@@ -88,48 +82,50 @@ def _rows_shown(ds: xr.Dataset, dim: str, *keep: int) -> list[int]:
     return picked(ds.sizes[dim], (*keep, int(best.values.argmin())), most)
 
 
-def _against(ds: xr.Dataset, dim: str, at: int, words: str, only: str) -> Comparison:
-    """A row for every label, compared with the partner of each scenario under the baseline, the label ``at``."""
+def _against(ds: xr.Dataset, dim: str, at: int, words: str, only: str, *keep: int) -> list[Table | Words]:
+    """A row for every label, compared with the partner of each scenario under the baseline, the label ``at``.
+
+    Before the table a sentence on the largest gap, or on the label of lowest error, if one of them is known.
+    """
     unit = next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), None)
     base = ds.isel({dim: at}, drop=True)
     head = [quantity_of(ds, dim).text, "RMS error [K]", "change", *(["95 % interval"] if unit else [])]
     head += ["5 to 95 % of pairs", "lower in"] + _others_head(ds)
     rows, middles = [], dict[int, Middle]()
-    for k in _rows_shown(ds, dim, at):
+    for k in _rows_shown(ds, dim, at, *keep):
         one = ds.isel({dim: k}, drop=True)
         cells = [_label(ds, dim, k), number(float(one["rmse"].median()))]
         if k == at:
             cells += ["baseline", *[""] * (2 + bool(unit))]
         else:
-            relative = (one["rmse"] / base["rmse"].where(base["rmse"] > 0.0) - 1.0).rename("rmse")
-            middles[k] = middle = middle_of(relative, unit or "")
+            middles[k] = middle = middle_of(change_of(one["rmse"], base["rmse"]).rename("rmse"), unit or "")
             pair = one["rmse"].notnull() & base["rmse"].notnull()
             lower = (one["rmse"] < base["rmse"]) + 0.5 * (one["rmse"] == base["rmse"])
             cells += [change(middle.median), *([span(middle.low, middle.high)] if unit else [])]
             cells += [span(middle.q05, middle.q95), percent(float(lower.where(pair).mean()))]
         rows.append(cells + _others(one))
-    over = f"95 % interval: of the median change, over {ds.sizes[unit]} {_UNITS[unit]}.  " if unit else ""
+    over = f"over {ds.sizes[unit]} {_UNITS[unit]}" if unit else ""
     what = "names" if ds[dim].dtype.kind in "OUST" else "values"
     note = (
-        f"RMS error: median{only}.  Change: median within pairs that differ in nothing else.  {over}"
+        f"RMS error: median{only}.  Change: median within pairs that differ in nothing else.  "
+        f"{f'95 % interval: of the median change, {over}.  ' if unit else ''}"
         f"5 to 95 % of pairs: how much the change differs from loop to loop.  Lower in: share of pairs with less "
         f"error, ties half.  {left_out(ds.sizes[dim], len(rows), what)}"
     ).strip()
     table = Table(f"{quantity_of(ds, dim).text.capitalize()}: against {words}", head, rows, note)
-    known = {k: middle for k, middle in middles.items() if math.isfinite(middle.median)}
+    known = {k: middle.median for k, middle in middles.items() if math.isfinite(middle.median)}
     if not known:
-        return Comparison(table)
-    # the largest gap, or the label of lowest error
-    k = max(known) if dim == "backlash" else min(known, key=lambda each: known[each].median)
-    found = known[k]
-    over = f"; 95 %: {span(found.low, found.high)}, over {ds.sizes[unit]} {_UNITS[unit]}" if unit else ""
-    if unit and found.low < 0.0 < found.high:
-        over += ", which may be chance"
+        return [table]
+    k = max(known) if dim == "backlash" else min(known, key=lambda each: known[each])
+    found = middles[k]
+    interval = f"; 95 %: {span(found.low, found.high)}, {over}" if unit else ""
+    chance = ", which may be chance" if unit and found.low < 0.0 < found.high else ""
     name = f"{quantity_of(ds, dim).text.capitalize()} {_label(ds, dim, k)}{only}"
-    return Comparison(table, f"{name}: RMS error {change(found.median)} against {words} (median{over}).")
+    sentence = f"{name}: RMS error {change(found.median)} against {words} (median{interval}{chance})."
+    return [Words([sentence]), table]
 
 
-def _along(ds: xr.Dataset, dim: str, only: str) -> Comparison:
+def _along(ds: xr.Dataset, dim: str, only: str) -> Table:
     """A row for every value, medians over all else."""
     head = [quantity_of(ds, dim).text, "RMS error [K]", "5 to 95 % of scenarios", *_others_head(ds)]
     rows = []
@@ -138,7 +134,7 @@ def _along(ds: xr.Dataset, dim: str, only: str) -> Comparison:
         low, middle, high = (number(float(one["rmse"].quantile(q))) for q in (0.05, 0.5, 0.95))
         rows.append([_label(ds, dim, k), middle, f"{low} to {high}", *_others(one)])
     note = f"Medians{only} over everything else.  {left_out(ds.sizes[dim], len(rows), 'values')}".strip()
-    return Comparison(Table(f"Along {quantity_of(ds, dim).text}", head, rows, note))
+    return Table(f"Along {quantity_of(ds, dim).text}", head, rows, note)
 
 
 def _others_head(ds: xr.Dataset) -> list[str]:
@@ -181,18 +177,6 @@ def metrics(ds: xr.Dataset) -> Table:
     return Table("Every metric", ["metric", "value", "name in results.nc"], rows)
 
 
-def answer_of_one(ds: xr.Dataset) -> list[str]:
-    """The error of a single scenario, whether it hunts, and what the motor does for it."""
-    found = {name: float(ds[name].max()) for name in ("rmse", "hunts", "hunting_swing", "motor_travel") if name in ds}
-    lines = [f"RMS error {number(found['rmse'])} K."]
-    if "hunts" in found:
-        swing = f": {number(found['hunting_swing'], 2)} K peak to peak" if found["hunts"] else ""
-        lines.append(f"The loop {'hunts' if found['hunts'] else 'does not hunt'}{swing}.")
-    if "motor_travel" in found:
-        lines.append(f"The motor travels {number(found['motor_travel'])} strokes.")
-    return lines
-
-
 def study_page(folder: Path) -> Page:
     """The report of the finished study in a folder; raises as ``open_finished``."""
     ds = open_finished(folder)
@@ -211,14 +195,9 @@ def study_page(folder: Path) -> Page:
     answer = ["Every scenario failed: there is no answer."]
     if n_failed < ds["status"].size:
         warnings += cautions(ds)
-        single = ds["status"].size == 1
-        compared = comparisons(ds)
-        said = [*findings(ds, billing), *(one.sentence for one in compared if one.sentence)]
-        answer = answer_of_one(ds) if single else said
-        sections += [
-            Section("Figures", _pictures(ds, title)),
-            Section("In numbers", [metrics(ds)] if single else [one.table for one in compared]),
-        ]
+        answer = findings(ds, billing)
+        numbers = [metrics(ds)] if ds["status"].size == 1 else comparisons(ds)
+        sections += [Section("Figures", _pictures(ds, title)), Section("In numbers", numbers)]
     toml = str(ds.attrs.get("study_toml", ""))
     sections += [how(ds), versions(ds), Section("The study file", [Code(toml)] if toml.strip() else [])]
     sections += [_again(folder, ds), cited(ds)]

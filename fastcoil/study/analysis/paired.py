@@ -94,6 +94,19 @@ def relative_change(difference: np.ndarray, reference: np.ndarray) -> np.ndarray
     return np.where(difference == 0.0, 0.0, share)
 
 
+def change_of(values: xr.DataArray, partners: xr.DataArray) -> xr.DataArray:
+    """Changes within pairs as shares of the partner's value: -0.2 is a fifth lower; NaN where that is 0."""
+    return values / partners.where(partners > 0.0) - 1.0
+
+
+def without_off_days(ds: xr.Dataset) -> xr.Dataset:
+    """A result without metrics on the days on which a loop was off all day, whose travel of 0 would shift medians."""
+    if "rmse" not in ds:
+        return ds
+    on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
+    return ds.assign({n: v.where(on) for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims})
+
+
 def in_shares(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:
     """The attributes of a metric whose values are shares of those of a baseline."""
     kept = {name: value for name, value in attrs.items() if name != "units_metadata"}  # of kelvins

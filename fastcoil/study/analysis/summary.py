@@ -1,4 +1,4 @@
-"""The findings of a study in sentences: the inverse against plain PIs and dead bands, cautions, costs."""
+"""The answer of a study in five sentences, what to know before it, and what it costs by a tariff."""
 
 from __future__ import annotations
 
@@ -9,20 +9,91 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.loops.labels import label_in_words, quantity_of, sizes_in_words
 from fastcoil.model.metric_table import STATUS_OK
-from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
-from fastcoil.study.analysis.paired import Middle, middle_of
+from fastcoil.study.analysis.paired import Middle, change_of, middle_of, without_off_days
 from fastcoil.study.analysis.selected import numeric_dims
 
 PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
 
 
-def tuning_dims(ds: xr.Dataset) -> list[Hashable]:
-    """Dims along which gains differ and the plant does not, so that the best of them can be chosen."""
-    plant = {d for n in ds.coords if n in PARAMETERS and PARAMETERS[str(n)].group in PLANT for d in ds[n].dims}
-    gains = {d for n in ("kp", "ti") if n in ds.coords for d in ds[n].dims}
-    return [d for d in ds["rmse"].dims if d in gains - plant and ds.sizes[d] > 1]
+def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
+    """Return a few lines: how much was run, how fast, and the answer; with ``billing`` also what it costs."""
+    n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
+    sizes = sizes_in_words(ds["status"].sizes)
+    lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
+    if "wall_time_s" in ds.attrs:
+        backend, n_jobs = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"]
+        workers = ("thread" if backend == "threads" else f"{backend} worker") + ("" if n_jobs == 1 else "s")
+        seconds, rate = ds.attrs["wall_time_s"], ds.attrs["scenario_days_per_s"]
+        resumed = ", the last of them" if seconds * rate < _WHOLE * n else ""
+        lines[-1] += f"{resumed} in {seconds:.1f} s on {n_jobs} {workers}: {rate:,.0f} scenario-days/s"
+    if failed:
+        lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
+    if failed == n:
+        return lines
+    asked = " ".join(str(ds.attrs.get("summary", "")).split())
+    return [*lines, *cautions(ds), *([f"Asked: {asked}"] if asked else []), *findings(ds, billing)]
+
+
+def cautions(ds: xr.Dataset) -> list[str]:
+    """What is odd about results of which not everything failed: days off, set-points not held, frost."""
+    lines, size = [], f"{ds['status'].size:,}"
+    if "rmse" in ds and (n := int((ds["rmse"].isnull() & (ds["status"] == STATUS_OK)).sum())):
+        lines.append(f"In {n:,} of {size} the loop was off all day: they have no RMSE, and count in no median.")
+    off = ds["share_off"] > 0.5 if "share_off" in ds else xr.DataArray(False)
+    if bool(off.any()):
+        hunts = int((off & (ds["hunts"] > 0.0)).sum()) if "hunts" in ds else 0
+        lines.append(
+            f"{int(off.sum()):,} of {size} are more than 0.5 K off their set-point for over half of the time, "
+            f"{hunts:,} of them hunting: no opening may hold it, or the gains do not suit the coil (see fastcoil "
+            "explain)."
+        )
+    # earlier versions have no such metrics
+    for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
+        hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
+        if (hours > 0.0).any():
+            lines.append(
+                f"{what} in {int((hours > 0.0).sum()):,} of {size} scenario-days, for up to {np.nanmax(hours):.1f} h; "
+                "it is reported, not simulated."
+            )
+    return lines
+
+
+def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
+    """The answer of results of which not everything failed, with ``billing`` also its costs: a sentence a line."""
+    counted = without_off_days(ds)
+    if ds["status"].size == 1:
+        answer = _of_one(counted)
+    elif not bool(counted["rmse"].notnull().any()):
+        answer = {"Found": "no RMS error is known."}
+    elif ratio := estimate_dim(ds):
+        answer = _against_plain_pi(counted, ratio)
+    else:
+        answer = _of_choices(counted)
+    lines = [f"{head}: {sentence}" for head, sentence in answer.items()] + _predicted(ds)
+    return lines if billing is None else lines + cost_lines(ds, billing)
+
+
+# --- the inverse against the plain PI ---------------------------------------------------------------------------------
+
+_MOST_OF = 0.9
+"""Share of the largest gain that the recommended estimate has to bring: the last tenth may cost a lot of travel."""
+_MUCH_TRAVEL = 5.0  # times that of the plain PI
+_ALIKE = 0.01  # RMS errors that differ by less than this share are alike: then the simpler remedy is recommended
+
+
+def estimate_dim(ds: xr.Dataset) -> str | None:
+    """The dim of estimates with a plain PI, an estimate of 0, among them."""
+    known = [d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds["status"])]
+    return next((d for d in known if bool((ds[d] == 0.0).any())), None)
+
+
+def comparable(ds: xr.Dataset) -> xr.Dataset:
+    """The loops in which an inverse has something to do: with backlash, without an error dead band; NaN elsewhere."""
+    return without_dead_band(ds.where(ds["backlash"] > 0.0) if "backlash" in ds.coords else ds)
 
 
 def without_dead_band(ds: xr.Dataset) -> xr.Dataset:
@@ -30,6 +101,30 @@ def without_dead_band(ds: xr.Dataset) -> xr.Dataset:
     if "error_dead_band" not in ds.coords or not bool((ds["error_dead_band"] == 0.0).any()):
         return ds
     return ds.where(ds["error_dead_band"] == 0.0)
+
+
+def recommended(ds: xr.Dataset, ratio: str) -> float:
+    """The estimate of least motor travel among those with nine tenths of the largest gain; 0 if none has any.
+
+    Gain and travel are medians of the changes against the plain PI of the same loop.
+    """
+    plain = ds.sel({ratio: 0.0}, drop=True)
+    others = [d for d in ds["rmse"].dims if d != ratio]
+    gain = -change_of(ds["rmse"], plain["rmse"]).median(others)
+    if not float(gain.max()) > 0.0:
+        return 0.0
+    travel = change_of(ds["motor_travel"], plain["motor_travel"]).median(others).fillna(np.inf)
+    return float(travel.where(gain >= _MOST_OF * gain.max()).idxmin(ratio))
+
+
+def tuning_dims(ds: xr.Dataset) -> list[Hashable]:
+    """Dims along which gains differ and the plant does not, so that the best of them can be chosen."""
+    gains = {d for n in ("kp", "ti") if n in ds.coords for d in ds[n].dims}
+    return [d for d in ds["rmse"].dims if d in gains - _plant_dims(ds) and ds.sizes[d] > 1]
+
+
+def _plant_dims(ds: xr.Dataset) -> set[Hashable]:
+    return {d for n in ds.coords if n in PARAMETERS and PARAMETERS[str(n)].group in PLANT for d in ds[n].dims}
 
 
 def best_plain_pi(plain: xr.Dataset) -> dict[Hashable, int] | None:
@@ -46,30 +141,177 @@ def best_plain_pi(plain: xr.Dataset) -> dict[Hashable, int] | None:
     return {d: int(k) for d, k in cost.argmin(dims).items()}
 
 
-def dead_bands(plain: xr.Dataset) -> list[tuple[dict[Hashable, int], dict[Hashable, int]]]:
-    """Pairs of tunings that differ in nothing but the error dead band: with one, and without.
+def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
+    """What to do about the backlash: tune the PI, put an inverse behind it, or both."""
+    seen = comparable(ds)
+    best, plain = recommended(seen, ratio), seen.sel({ratio: 0.0}, drop=True)
+    at, inverse = best_plain_pi(plain), seen.sel({ratio: best}, drop=True)
+    tune = "" if at is None else f"tune the PI to {_in_words(plain, at)}"
+    options = {}
+    if at is not None:
+        options["the tuning alone"] = tune, plain.isel(at, drop=True)
+    if best:
+        options["the inverse alone"] = _assume(ds, ratio, best), inverse
+    if at is not None and best:
+        options["both"] = f"{tune}; then {_assume(ds, ratio, best)}", inverse.isel(at, drop=True)
+    errors = {name: change_of(one["rmse"], plain["rmse"]) for name, (_, one) in options.items()}
+    medians = {name: float(error.median()) for name, error in errors.items()}
+    lowest = min(medians.values(), default=0.0)
+    if not lowest < -_ALIKE:
+        return {"Do this": "leave the plain PI as it is: nothing that was tried lowers its RMS error by 1 %."}
+    chosen = next(name for name, median in medians.items() if median <= lowest + _ALIKE)
+    (words, taken), error = options[chosen], errors[chosen]
+    lower = float((error < 0.0).where(error.notnull()).mean())
+    brings = f"the RMS error is {_percent(medians.pop(chosen))} than with the plain PI of the same loop (median), and "
+    brings += "; ".join(
+        [f"lower in {_share(lower)} of the loops", *(f"with {name} {_percent(m)}" for name, m in medians.items())]
+    )
+    travel = float((taken["motor_travel"] / plain["motor_travel"]).median())
+    switches = [float(one["switch_frequency"].median()) for one in (taken, plain)]
+    costs = f"the motor travels {travel:.3g} times as far (median), and the direction of the command changes "
+    costs += f"{switches[0]:.1f} times in 10 min instead of {switches[1]:.1f}"
+    costs += "; a buffer lowers that." if travel > _MUCH_TRAVEL else "."
+    fails = _fails(seen, ratio, best, error)
+    return {"Do this": f"{words}.", "It brings": f"{brings}.", "It costs": costs, "It fails": fails}
 
-    Only a dead band that differs along a single dim, as swept or as one of named alternatives, is looked at.
-    """
-    band = plain.coords.get("error_dead_band")
-    if band is None or band.ndim != 1:
+
+def _fails(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
+    """In which loops the recommended remedy does not lower the error, and what an overestimate does."""
+    worse = (error >= 0.0).where(error.notnull())
+    parts = []
+    if float(worse.max()) > 0.0:
+        parts.append(f"the error is not lower in {_share(float(worse.mean()))} of the loops{_mostly(worse)}")
+    last = float(ds[ratio].max())
+    if best and last > best:
+        over, at, plain = (ds.sel({ratio: x}, drop=True) for x in (last, best, 0.0))
+        travel = float((over["motor_travel"] / plain["motor_travel"]).median())
+        higher = float((over["rmse"] > at["rmse"]).where(plain["rmse"].notnull()).mean())
+        of = quantity_of(ds, ratio)
+        parts.append(
+            f"with an estimate of {of.number(last)} instead of {of.number(best)} the inverse makes the motor travel "
+            f"{travel:.3g} times as far as the plain PI, and its error is higher in {_share(higher)} of the loops"
+        )
+    return "; ".join(parts) + "." if parts else "in none of these loops does the error rise."
+
+
+def _mostly(worse: xr.DataArray) -> str:
+    """Where most of them are: the label with the largest share of its loops."""
+    shares = {}
+    for dim in worse.dims:
+        if worse.sizes[dim] > 1 and dim in worse.coords and dim not in CHANCE_DIMS:
+            along = worse.mean([d for d in worse.dims if d != dim])
+            k = int(along.fillna(0.0).argmax(str(dim)))
+            shares[_in_words(worse, {dim: k})] = float(along[k])
+    if not shares:
+        return ""
+    where = max(shares, key=lambda each: shares[each])
+    return f", most often at {where} ({_share(shares[where])})"
+
+
+def _assume(ds: xr.Dataset, ratio: str, best: float) -> str:
+    of_what = " of the backlash" if ratio == "estimate_ratio" else ""
+    return f"put an inverse behind the PI with an estimate of {quantity_of(ds, ratio).number(best)}{of_what}"
+
+
+def _in_words(ds: xr.Dataset | xr.DataArray, at: Mapping[Hashable, int]) -> str:
+    """Labels in words: those of named alternatives by the parameters that differ between them."""
+    words = []
+    for dim, k in at.items():
+        along = [str(n) for n, c in ds.coords.items() if c.dims == (dim,) and n in PARAMETERS and c.dtype.kind in "if"]
+        values = {n: ds[n].values for n in along if np.ptp(ds[n].values) > 0.0}
+        values = {n: v for n, v in values.items() if n != "error_dead_band" or v[k] > 0.0}
+        words += [quantity_of(ds, n).equals(float(v[k])) for n, v in values.items()] or [
+            label_in_words(ds, str(dim), k)
+        ]
+    return ", ".join(words)
+
+
+def _share(share: float) -> str:
+    """A share in per cent; 0 and 100 % are none and all."""
+    return f"{100.0 * share:.0f} %" if share in (0.0, 1.0) else f"{np.clip(round(100.0 * share), 1, 99)} %"
+
+
+def _percent(change: float) -> str:
+    return f"{100.0 * abs(change):.0f} % {'lower' if change < 0.0 else 'higher'}"
+
+
+# --- other studies ----------------------------------------------------------------------------------------------------
+
+
+def _of_one(ds: xr.Dataset) -> dict[str, str]:
+    """The error of a single scenario, whether it hunts, and what the motor does for it."""
+    names = ("rmse", "hunts", "hunting_swing", "motor_travel")
+    found = {name: float(ds[name].max()) for name in names if name in ds}
+    said = f"the RMS error is {found['rmse']:.3g} K"
+    if "hunts" in found:
+        said += f"; the loop hunts, {found['hunting_swing']:.2g} K peak to peak" if found["hunts"] else (
+            "; the loop does not hunt"
+        )  # fmt: skip
+    costs = {"It costs": f"the motor travels {found['motor_travel']:.3g} strokes."} if "motor_travel" in found else {}
+    return {"Found": f"{said}."} | costs
+
+
+def _of_choices(ds: xr.Dataset) -> dict[str, str]:
+    """The labels of lowest error along the dims that a controller can choose, and where the error is largest."""
+    rmse = ds["rmse"]
+    dims = [d for d in rmse.dims if rmse.sizes[d] > 1 and d in ds.coords and d not in CHANCE_DIMS]
+    free = [d for d in dims if d not in _plant_dims(ds)]
+    low, middle, high = (float(rmse.quantile(q)) for q in (0.05, 0.5, 0.95))
+    if not free:
+        found = f"the RMS error is {middle:.3g} K in the median, {low:.3g} to {high:.3g} K in 5 to 95 % of the loops."
+        return {"Found": found} | _largest(rmse, dims)
+    of_choice = rmse.median([d for d in rmse.dims if d not in free])
+    places = [{d: int(k) for d, k in found.items()} for found in (
+        of_choice.fillna(np.inf).argmin(free), of_choice.fillna(-np.inf).argmax(free),
+    )]  # fmt: skip
+    best, worst = (_in_words(ds, place) for place in places)
+    errors = [float(of_choice.isel(place)) for place in places]
+    answer = {
+        "Do this": f"take {best}.",
+        "It brings": f"the RMS error is {errors[0]:.3g} K (median), the lowest of these choices; the highest is "
+        f"{errors[1]:.3g} K, with {worst}.",
+    }
+    if "motor_travel" in ds:
+        travel = [float(ds["motor_travel"].isel(place).median()) for place in places]
+        answer["It costs"] = f"the motor travels {travel[0]:.3g} strokes (median) instead of {travel[1]:.3g}."
+    return answer | _largest(rmse.isel(places[0], drop=True), [d for d in dims if d not in free])
+
+
+def _largest(rmse: xr.DataArray, dims: list[Hashable]) -> dict[str, str]:
+    """Along the dims of the plant, where the error is largest."""
+    worst = {}
+    for dim in dims:
+        along = rmse.median([d for d in rmse.dims if d != dim])
+        k = int(along.fillna(-np.inf).argmax(str(dim)))
+        worst[_in_words(rmse, {dim: k})] = float(along[k])
+    if not worst:
+        return {}
+    where = max(worst, key=lambda each: worst[each])
+    return {"It fails": f"the error is largest at {where}: {worst[where]:.3g} K (median)."}
+
+
+def _predicted(ds: xr.Dataset) -> list[str]:
+    """The hunting that theory predicted and that was simulated."""
+    if "predicted_hunts" not in ds:
         return []
-    (dim,) = band.dims
-    others = [n for n, c in plain.coords.items() if c.dims == (dim,) and n not in (dim, "error_dead_band")]
-    alike = [tuple(plain[n].values[k] for n in others) for k in range(band.size)]
-    without = [k for k in range(band.size) if band.values[k] == 0.0]
+    known = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
+    n = int(known.sum())
+    if not n:
+        return ["Hunting: theory says nothing about these loops."]
+    predicted, seen = (ds[name].where(known) > 0.0 for name in ("predicted_hunts", "hunts"))
+    agree = 100.0 * float((predicted == seen).where(known).mean())
+    cut = agree if agree in (0.0, 100.0) else min(agree, 99.9)  # 100 only if nothing is missing
     return [
-        ({dim: k}, {dim: partner})
-        for k in range(band.size)
-        if band.values[k] > 0.0
-        for partner in without
-        if alike[partner] == alike[k]
+        f"Hunting: predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
+        f"{cut:.1f} % agree."
     ]
 
 
+# --- costs ------------------------------------------------------------------------------------------------------------
+
 _MOST_GROUPS, _MOST_LABELS = 4, 6
 """Labels of other dims that get sentences of their own; labels that one sentence compares."""
-_GROWN = 1e-4  # fraction of stroke; less is no wear
+_GROWN = 0.01  # % of stroke; less is no wear
 _WHOLE = 0.99  # of the scenarios: a run of fewer resumed an earlier one
 
 
@@ -94,14 +336,14 @@ def cost_lines(ds: xr.Dataset, billing: Billing) -> list[str]:
             f"A loop costs {_money(paid.median)} {currency} a year (median; 5 to 95 % of them: {_money(paid.q05)} to "
             f"{_money(paid.q95)}).  Add loops with backlash = 0 to see what of it the backlash costs."
         )
-        return lines + _wear(ds, {})
+        return lines + _wear(ds)
     # every combination of the words along other dims
     dims = [d for d in costs["status"].dims if d not in baseline and costs[d].dtype.kind in "UO"]
     groups = list(itertools.product(*(costs[d].values for d in dims)))
     for labels in groups if len(groups) <= _MOST_GROUPS else [()]:
         at = dict(zip(dims, labels, strict=False))
         lines += _compared(ds.sel(at), costs.sel(at), baseline, currency, ", ".join(map(str, labels)))
-    return lines + _wear(ds, baseline)
+    return lines + _wear(ds)
 
 
 def sound(ds: xr.Dataset) -> dict[str, Any]:
@@ -149,33 +391,49 @@ def _detail(extra: xr.Dataset, of: Middle, name: str, currency: str) -> str:
 
 
 def _mechanics(ds: xr.Dataset, baseline: dict[str, Any], other: dict[str, Any]) -> str:
-    """Time off the set-point and travel of the motor of one label beside the baseline."""
-    good = ds[["share_off", "motor_travel"]].where(ds["status"] == STATUS_OK)
-    off, travel = (good[name].mean("day") if "day" in good[name].dims else good[name] for name in good)
-    now, before = (100.0 * float(off.sel(at).median()) for at in (other, baseline))
-    ratio = float((travel.sel(other) / travel.sel(baseline, drop=True)).median())
+    """Time off the set-point and travel of the motor of one label beside the baseline, on days with operation."""
+    good = without_off_days(ds[["rmse", "share_off", "motor_travel"]].where(ds["status"] == STATUS_OK))
+    means = good.mean("day") if "day" in good.dims else good
+    now, before = (100.0 * float(means["share_off"].sel(at).median()) for at in (other, baseline))
+    ratio = float((means["motor_travel"].sel(other) / means["motor_travel"].sel(baseline, drop=True)).median())
     moved = f", and its motor travels {ratio:.1f} times as far" if np.isfinite(ratio) else ""
     off_it = f"{now:.1f} % of the time instead of {before:.1f} %, mean of the days"
     return f"Its air is more than 0.5 K off the set-point {off_it}{moved}."
 
 
-def _wear(ds: xr.Dataset, baseline: dict[str, Any]) -> list[str]:
-    """How far the gaps grew from the first day to the last, where the days are a sequence."""
+def _wear(ds: xr.Dataset) -> list[str]:
+    """How far the gaps grew from the first day to the last, valve by valve, where the days are a sequence."""
     if not ds.attrs.get("carry_over") or "backlash_final" not in ds or "day" not in ds["backlash_final"].dims:
         return []
-    gap = ds["backlash_final"].where(ds["status"] == STATUS_OK)
-    partners = float(gap.sel(baseline).isel(day=-1).median())
-    gap = gap.drop_sel(baseline)
-    first, last = 100.0 * gap.isel(day=0), 100.0 * gap.isel(day=-1)
-    if not bool((last - first > 100.0 * _GROWN).any()):
+    gap = 100.0 * ds["backlash_final"].where(ds["status"] == STATUS_OK)
+    first, last = gap.isel(day=0), gap.isel(day=-1)
+    if not bool((last - first > _GROWN).any()):
         return []
-    lines = [
-        f"From the first day to the last the gap grows from {float(first.median()):.2f} to {float(last.median()):.2f} "
-        f"% of stroke (medians); by more than {middle_of(last - first).q95:.2f} % of stroke in 5 % of the loops."
-    ]
-    if baseline and baseline == sound(ds) and partners > _GROWN:
-        lines.append(f"The loops without a gap wear, too: {100.0 * partners:.2f} % in the end (median).")
-    return lines
+    backlash = ds.coords.get("backlash")
+    dims = [] if backlash is None else [d for d in backlash.dims if d not in CHANCE_DIMS]
+    if len(dims) == 1 and ds.sizes[dims[0]] <= _MOST_LABELS:
+        (dim,) = dims
+        pairs = [(_called(str(dim), v.item()), first.sel({dim: v}), last.sel({dim: v})) for v in ds[dim].values]
+        each = [
+            f"{name} from {float(start.median()):.2f} to {float(end.median()):.2f} % of stroke"
+            for name, start, end in pairs
+            if bool((end - start > _GROWN).any())
+        ]
+        line = f"Wear, from the first day to the last (medians): {'; '.join(each)}."
+    else:
+        grown = middle_of(last - first)
+        line = (
+            f"Wear, from the first day to the last: the gap of a valve grows by {grown.median:.2f} % of stroke "
+            f"(median; 5 to 95 % of them: {grown.q05:.2f} to {grown.q95:.2f} %)."
+        )
+    most = 100.0 * PARAMETERS["backlash"].upper
+    at_bound = int((last > most - _GROWN).sum())
+    if at_bound:
+        line += (
+            f"  {at_bound:,} of {int(last.notnull().sum()):,} loops end at {most:g} %, where the model stops their "
+            "wear: they raise every cost and travel above; look at them alone, or lower wear_rate."
+        )
+    return [line]
 
 
 def _called(dim: str, label: object) -> str:
@@ -195,164 +453,3 @@ def _signed(value: float) -> str:
 def _money(value: float) -> str:
     """Three digits, whole from a hundred on."""
     return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}" if abs(value) >= 0.005 else "0"
-
-
-def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
-    """Return a few lines: how much was run, how fast, and the answer; with ``billing`` also what it costs."""
-    n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
-    sizes = " × ".join(f"{size} {dim}" for dim, size in ds["status"].sizes.items())
-    lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
-    if "wall_time_s" in ds.attrs:
-        backend, n_jobs = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"]
-        workers = ("thread" if backend == "threads" else f"{backend} worker") + ("" if n_jobs == 1 else "s")
-        seconds, rate = ds.attrs["wall_time_s"], ds.attrs["scenario_days_per_s"]
-        resumed = ", the last of them" if seconds * rate < _WHOLE * n else ""
-        lines[-1] += f"{resumed} in {seconds:.1f} s on {n_jobs} {workers}: {rate:,.0f} scenario-days/s"
-    if failed:
-        lines.append(f"{failed:,} scenarios failed: their status says why, their results are NaN")
-    return lines if failed == n else lines + cautions(ds) + findings(ds, billing)
-
-
-def cautions(ds: xr.Dataset) -> list[str]:
-    """What is odd about results of which not everything failed: days off, set-points not held, frost."""
-    lines, size = [], f"{ds['status'].size:,}"
-    if "rmse" in ds and (n := int((ds["rmse"].isnull() & (ds["status"] == STATUS_OK)).sum())):
-        lines.append(f"In {n:,} of {size} the loop was off all day: they have no RMSE, and count in no median of it.")
-    off = ds["share_off"] > 0.5 if "share_off" in ds else xr.DataArray(False)
-    if bool(off.any()):
-        hunts = int((off & (ds["hunts"] > 0.0)).sum()) if "hunts" in ds else 0
-        lines.append(
-            f"{int(off.sum()):,} of {size} are more than 0.5 K off their set-point for over half of the time, "
-            f"{hunts:,} of them hunting: no opening may hold it, or the gains do not suit the coil (see fastcoil "
-            "explain)."
-        )
-    # earlier versions have no such metrics
-    for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
-        hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
-        if (hours > 0.0).any():
-            lines.append(
-                f"{what} in {int((hours > 0.0).sum()):,} of {size} scenario-days, for up to {np.nanmax(hours):.1f} h; "
-                "it is reported, not simulated."
-            )
-    return lines
-
-
-def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
-    """The answer of results of which not everything failed, with ``billing`` also its costs: a sentence a line."""
-    lines = _predicted(ds)
-    ratio = next((d for d in ("estimate_ratio", "backlash_estimate") if d in numeric_dims(ds["status"])), None)
-    lines += _against_plain_pi(ds, ratio) if ratio and bool((ds[ratio] == 0.0).any()) else _extremes(ds)
-    return lines if billing is None else lines + cost_lines(ds, billing)
-
-
-def _predicted(ds: xr.Dataset) -> list[str]:
-    """The hunting that theory predicted and that was simulated."""
-    if "predicted_hunts" not in ds:
-        return []
-    known = ds["predicted_hunts"].notnull() & (ds["status"] == STATUS_OK)
-    n = int(known.sum())
-    if not n:
-        return ["Hunting: theory says nothing about these loops."]
-    predicted, seen = (ds[name].where(known) > 0.0 for name in ("predicted_hunts", "hunts"))
-    agree = 100.0 * float((predicted == seen).where(known).mean())
-    cut = agree if agree in (0.0, 100.0) else min(agree, 99.9)  # 100 only if nothing is missing
-    return [
-        f"Hunting: predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
-        f"{cut:.1f} % agree."
-    ]
-
-
-def _against_plain_pi(ds: xr.Dataset, ratio: str) -> list[str]:
-    """The inverse against the plain PI of the same loop, estimate by estimate."""
-    name = ratio.replace("_", " ")
-    ds = ds[["rmse", "rmse_settled", "switch_frequency", "motor_travel"]]
-    if "backlash" in ds.coords:
-        ds = ds.where(ds["backlash"] > 0.0)
-    with_dead_bands, ds = ds, without_dead_band(ds)
-    others = [d for d in ds["rmse"].dims if d != ratio]
-    middle = (ds["rmse"] / ds["rmse"].sel({ratio: 0.0})).median(others)
-    best, last = float(middle.idxmin(ratio)), ds[ratio].values[-1]
-    plain, inverse = ds.sel({ratio: 0.0}, drop=True), ds.sel({ratio: best}, drop=True)
-    better = _share(inverse["rmse"] < plain["rmse"], plain)
-    lines = [
-        f"Lowest error at {name} {best:g}: RMSE is {_percent(middle.sel({ratio: best}))} against the plain PI "
-        f"(median), and lower in {better} of the loops."
-    ]
-    settled = plain["rmse_settled"]
-    if settled.notnull().any():
-        change = (inverse["rmse_settled"] / settled).where(settled > 0.0).median()
-        lines.append(f"Settled, away from set-point steps: {_percent(change)} (median).")
-    switches = ds["switch_frequency"].median(others)
-    limit = 1.0 if ratio == "estimate_ratio" else best
-    at_most = switches.where(switches[ratio] <= limit).max()
-    travel = (inverse["motor_travel"] / plain["motor_travel"]).median()
-    lines += [
-        f"Mode switches per 10 min (median): {float(switches.sel({ratio: 0.0})):.1f} with the plain PI, "
-        f"at most {float(at_most):.1f} up to {name} {limit:g}, {float(switches.sel({ratio: last})):.1f} at {last:g}.",
-        f"The motor then travels {float(travel):.1f} times as far as with the plain PI (median).",
-    ]
-    if ratio == "estimate_ratio" and last > 1.0:
-        exact = ds["rmse"].sel({ratio: 1.0}, method="nearest")
-        worse = _share(ds["rmse"].sel({ratio: last}) > exact, plain)
-        lines.append(f"Overestimated to {last:g}, the error is larger than at 1 in {worse} of the loops.")
-    at_zero, at_best = (with_dead_bands.sel({ratio: x}, drop=True) for x in (0.0, best))
-    return lines + _against_best_pi(plain, inverse) + list(_against_dead_bands(at_zero, at_best))
-
-
-def _against_best_pi(plain: xr.Dataset, inverse: xr.Dataset) -> list[str]:
-    """The best plain PI of the tunings against the others, and the inverse against it."""
-    at = best_plain_pi(plain)
-    if at is None:
-        return []
-    chosen = plain["rmse"].isel(at, drop=True)
-    n = int((plain["rmse"].count([d for d in plain["rmse"].dims if d not in at]) > 0).sum())
-    lower = _share(inverse["rmse"] < chosen, plain)
-    travel = float((inverse["motor_travel"] / plain["motor_travel"]).isel(at, drop=True).median())
-    alone = _percent((chosen / plain["rmse"]).median())
-    with_it = _percent((inverse["rmse"].isel(at, drop=True) / chosen).median())
-    return [
-        f"The best plain PI of {n} tunings ({_label(plain, at)}): RMSE is {alone} than with the plain PI of the same "
-        f"loop (median); the inverse is lower than that in {lower} of the loops.",
-        f"An inverse on top of the best plain PI: RMSE is {with_it} (median), at {travel:.1f} times the motor travel.",
-    ]
-
-
-def _against_dead_bands(plain: xr.Dataset, inverse: xr.Dataset) -> Iterator[str]:
-    """Plain PIs with an error dead band against the same without, and against the inverse without."""
-    for at, partner in dead_bands(plain):
-        banded, own = plain.isel(at, drop=True), plain.isel(partner, drop=True)
-        error, travel = ((banded[m] / own[m]).median() for m in ("rmse", "motor_travel"))
-        gain = (inverse["rmse"].isel(partner, drop=True) / banded["rmse"]).median()
-        yield (
-            f"An error dead band of {float(plain['error_dead_band'].isel(at)):g} K ({_label(plain, at)}): RMSE is "
-            f"{_percent(error)} than without it, at {float(travel):.2f} times the motor travel (median); with "
-            f"the inverse instead it is {_percent(gain)} than with the dead band."
-        )
-
-
-def _label(ds: xr.Dataset, at: Mapping[Hashable, int]) -> str:
-    """The labels of one tuning: a name, or the values of what is swept."""
-    labels = {d: ds[d].values[k] for d, k in at.items()}
-    return ", ".join(str(v) if isinstance(v, str) else f"{d} = {v:g}" for d, v in labels.items())
-
-
-def _share(holds: xr.DataArray, plain: xr.Dataset) -> str:
-    """In how many of the loops that have a plain PI the condition holds."""
-    return f"{100 * float(holds.where(plain['rmse'].notnull()).mean()):.0f} %"
-
-
-def _extremes(ds: xr.Dataset) -> list[str]:
-    rmse = ds["rmse"]
-    low, middle, high = (float(f(rmse.values)) for f in (np.nanmin, np.nanmedian, np.nanmax))
-    lines = [f"RMSE from {low:.3g} to {high:.3g} K, median {middle:.3g} K."]
-    for dim in numeric_dims(ds["status"]):
-        along = rmse.median([d for d in rmse.dims if d != dim])
-        lines.append(
-            f"Along {dim} the median RMSE is lowest at {float(along.idxmin(dim)):g}: {float(along.min()):.3g} K."
-        )
-    return lines
-
-
-def _percent(ratio: xr.DataArray) -> str:
-    value = 100.0 * float(ratio - 1)
-    return f"{abs(value):.0f} % {'lower' if value < 0.0 else 'higher'}"
