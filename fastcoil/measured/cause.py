@@ -108,8 +108,12 @@ _MEANINGS = {
 }
 
 
-def predictions_of(fitted: FittedLoop) -> xr.Dataset:
-    """The day of the loop in every case: numbers along ``case``, NaN where there is a ``doubt``."""
+def predictions_of(fitted: FittedLoop, cause: str) -> xr.Dataset:
+    """The day of the loop in every case: numbers along ``case``, NaN where there is a ``doubt``.
+
+    The cause is judged without the fast disturbances of the log, and a case is predicted with them: what is left of the
+    swing in them may go on without the gap.  Where the two disagree, nothing is predicted.
+    """
     found: dict[str, Outcome | str] = {
         "as_found": what_if(fitted),
         "no_gap": what_if(fitted, backlash=0.0),
@@ -117,6 +121,9 @@ def predictions_of(fitted: FittedLoop) -> xr.Dataset:
         "half_gain": what_if(fitted, kp_factor=0.5),
         "inverse": what_if(fitted, estimate=fitted.backlash, buffer=BUFFER),
     }
+    without = found["no_gap"]
+    if not isinstance(without, str) and without.hunts != {BACKLASH: False, TUNING: True}.get(cause, without.hunts):
+        found["no_gap"] = "the disturbances of the log hide whether the loop would hunt"
     ds = xr.Dataset(coords={"case": list(found)})
     for name, (unit, meaning) in _MEANINGS.items():
         values = [np.nan if isinstance(one, str) else float(getattr(one, name)) for one in found.values()]

@@ -130,7 +130,7 @@ def diagnose(
                 for name, value in indices.items()
             }
         ),
-        predictions=None if doubt or isinstance(loop, str) else predictions_of(loop),
+        predictions=None if doubt or isinstance(loop, str) else predictions_of(loop, cause.name),
         signals=_signals(grid, measures),
         notes=[*data.notes, *notes],
     )

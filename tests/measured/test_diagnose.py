@@ -75,6 +75,15 @@ def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
     assert found.backlash == pytest.approx(0.06, abs=0.01)
 
 
+def test_a_prediction_that_contradicts_the_cause_is_withheld():
+    """Without the gap this loop is calm, but what is left of its swing in the disturbances of the log goes on."""
+    found = fc.diagnose(loop_log(kp=0.03, ti=15.0), stroke_time=90.0)
+    assert found.cause == "backlash"
+    assert "disturbances of the log hide" in str(found.predictions.doubt.sel(case="no_gap").values)
+    assert np.isnan(found.predictions.hunts.sel(case="no_gap"))
+    assert not any("What would stop the hunting: no gap" in line for line in found.summary())
+
+
 def test_without_a_set_point_the_backlash_is_found_and_what_is_missing_is_said(log):
     found = fc.diagnose(log.drop_vars("T_set"), stroke_time=90.0, sample_time=5.0)
     assert any("the controller one every 5 s" in note for note in found.notes)
