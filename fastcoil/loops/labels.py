@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
@@ -75,6 +77,25 @@ def unit_in_words(unit: str) -> str:
 def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
     """Whether a coordinate of a result is a parameter: one of the table, or one that a rule declares."""
     return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
+
+
+_ROUND_OFF = 1e-9
+"""The default buffer: it ignores no reversal but that of the last digits."""
+
+
+def plain_pi(ds: xr.Dataset | xr.DataArray) -> str:
+    """What a loop of this result is whose estimate is 0: ``plain PI``, or ``PI with a buffer``.
+
+    A buffer holds small reversals of u back whatever the estimate, which a plain PI does not.
+    """
+    stored = json.loads(ds.attrs.get("parameters", "{}"))
+    values = {
+        name: np.asarray(ds.coords[name].values if name in ds.coords else stored.get(name, 0.0))
+        for name in ("buffer", "buffer_ratio", "buffer_noise", "noise_std")
+    }
+    noise = (values["noise_std"] > 0.0).any() or (values["buffer_noise"] == "measured").any()
+    follows_noise = (values["buffer_ratio"] > 0.0).any() and noise
+    return "PI with a buffer" if follows_noise or (values["buffer"] > _ROUND_OFF).any() else "plain PI"
 
 
 def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:

@@ -14,7 +14,7 @@ import xarray as xr
 
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.figures import DOTTED, STYLE, apply_style, wrapped
-from fastcoil.loops.labels import Quantity, is_parameter, quantity_of
+from fastcoil.loops.labels import Quantity, is_parameter, plain_pi, quantity_of
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import RESERVED_DIMS
 from fastcoil.study.analysis.selected import numeric_dims
@@ -266,5 +266,5 @@ def _in_words(ds: xr.Dataset | xr.DataArray, dim: str) -> str:
         return f"{size} values of {dim.replace('_', ' ')}"
     of = quantity_of(ds, dim)
     low, high = float(ds[dim].min()), float(ds[dim].max())
-    plain = ", 0 being the plain PI" if dim in ("estimate_ratio", "backlash_estimate") and low == 0.0 else ""
+    plain = f", 0 being the {plain_pi(ds)}" if dim in ("estimate_ratio", "backlash_estimate") and low == 0.0 else ""
     return f"{size} values of {of.text} ({low * of.factor:.3g} to {of.number(high)}{plain})"

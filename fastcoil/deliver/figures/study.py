@@ -18,7 +18,7 @@ from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
 from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
 from fastcoil.deliver.figures import drawing
-from fastcoil.loops.labels import label_in_words, quantity_of, quantity_of_values
+from fastcoil.loops.labels import label_in_words, plain_pi, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, metric_meant
 from fastcoil.model.parameter_table import CHANCE_DIMS
 from fastcoil.study.analysis.selected import numeric_dims
@@ -232,8 +232,8 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     n, values = ds.sizes[by], ds[by].values
     is_named = values.dtype.kind not in "if"
     chosen = range(n) if is_named and n <= _MOST_ROWS else drawing.picked(n)
-    is_plain = (values == 0.0) & (by in ESTIMATES)
-    return [(k, label_in_words(ds, by, k) + (", plain PI" if is_plain[k] else "")) for k in chosen]
+    is_plain, pi = (values == 0.0) & (by in ESTIMATES), plain_pi(ds)
+    return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]
 
 
 def control_dims(ds: xr.Dataset) -> list[str]:

@@ -32,7 +32,7 @@ from fastcoil.deliver.report.page import (
     picture,
     span,
 )
-from fastcoil.loops.labels import is_parameter, quantity, quantity_of
+from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.paired import Middle, change_of, middle_of, without_off_days
 from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
@@ -53,11 +53,11 @@ _MOST_NAMES, _MOST_FAILED = 40, 10
 
 def comparisons(ds: xr.Dataset) -> list[Table | Words]:
     """A table for every dimension with labels, and before that of the gap or of names what it says in a sentence."""
-    ratio = estimate_dim(ds)
+    ratio, pi = estimate_dim(ds), plain_pi(ds)
     ds = without_off_days(ds[[name for name in (*_SHOWN, "status") if name in ds]])
     ds = ds.where(ds["status"] == STATUS_OK).drop_vars("status")
     dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
-    plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), " with the plain PI")
+    plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), f" with the {pi}")
     found: list[Table | Words] = []
     for dim in dims:
         labels = ds[dim].values
@@ -65,7 +65,7 @@ def comparisons(ds: xr.Dataset) -> list[Table | Words]:
         if dim == ratio:
             seen = comparable(ds)
             chosen = int((labels == recommended(seen, dim)).argmax())
-            found.append(_against(seen, dim, zero, "the plain PI of the same loop", "", chosen)[-1])
+            found.append(_against(seen, dim, zero, f"the {pi} of the same loop", "", chosen)[-1])
         elif dim == "backlash" and labels[zero] == 0.0:
             found += _against(plain, dim, zero, "the sound valve", only)
         elif labels.dtype.kind in "OUST" and labels.size <= _MOST_NAMES:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.loops.labels import label_in_words, quantity_of, sizes_in_words
+from fastcoil.loops.labels import label_in_words, plain_pi, quantity_of, sizes_in_words
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
@@ -143,7 +143,7 @@ def best_plain_pi(plain: xr.Dataset) -> dict[Hashable, int] | None:
 
 def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     """What to do about the backlash: tune the PI, put an inverse behind it, or both."""
-    seen = comparable(ds)
+    seen, pi = comparable(ds), plain_pi(ds)
     best, plain = recommended(seen, ratio), seen.sel({ratio: 0.0}, drop=True)
     at, inverse = best_plain_pi(plain), seen.sel({ratio: best}, drop=True)
     tune = "" if at is None else f"tune the PI to {_in_words(plain, at)}"
@@ -158,11 +158,11 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     medians = {name: float(error.median()) for name, error in errors.items()}
     lowest = min(medians.values(), default=0.0)
     if not lowest < -_ALIKE:
-        return {"Do this": "leave the plain PI as it is: nothing that was tried lowers its RMS error by 1 %."}
+        return {"Do this": f"leave the {pi} as it is: nothing that was tried lowers its RMS error by 1 %.", **_note(pi)}
     chosen = next(name for name, median in medians.items() if median <= lowest + _ALIKE)
     (words, taken), error = options[chosen], errors[chosen]
     lower = float((error < 0.0).where(error.notnull()).mean())
-    brings = f"the RMS error is {_percent(medians.pop(chosen))} than with the plain PI of the same loop (median), and "
+    brings = f"the RMS error is {_percent(medians.pop(chosen))} than with the {pi} of the same loop (median), and "
     brings += "; ".join(
         [f"lower in {_share(lower)} of the loops", *(f"with {name} {_percent(m)}" for name, m in medians.items())]
     )
@@ -172,7 +172,15 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     costs += f"{switches[0]:.1f} times in 10 min instead of {switches[1]:.1f}"
     costs += "; a buffer lowers that." if travel > _MUCH_TRAVEL else "."
     fails = _fails(seen, ratio, best, error)
-    return {"Do this": f"{words}.", "It brings": f"{brings}.", "It costs": costs, "It fails": fails}
+    return {"Do this": f"{words}.", "It brings": f"{brings}.", "It costs": costs, "It fails": fails, **_note(pi)}
+
+
+def _note(pi: str) -> dict[str, str]:
+    """What a study compares with whose estimate 0 is no plain PI."""
+    if pi == "plain PI":
+        return {}
+    how = "list the controllers in [cases.controller], one of them with estimate, buffer and buffer_ratio 0"
+    return {"Note": f"the buffer holds small reversals back at estimate 0, too; to compare with the plain PI {how}."}
 
 
 def _fails(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
@@ -189,7 +197,7 @@ def _fails(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
         of = quantity_of(ds, ratio)
         parts.append(
             f"with an estimate of {of.number(last)} instead of {of.number(best)} the inverse makes the motor travel "
-            f"{travel:.3g} times as far as the plain PI, and its error is higher in {_share(higher)} of the loops"
+            f"{travel:.3g} times as far as the {plain_pi(ds)}, and its error is higher in {_share(higher)} of the loops"
         )
     return "; ".join(parts) + "." if parts else "in none of these loops does the error rise."
 

@@ -1,5 +1,6 @@
 """What an inverse is compared with in the summary of a run: plain Python finds the same."""
 
+import json
 import re
 import statistics
 
@@ -153,6 +154,25 @@ def test_choices_without_an_inverse_and_single_scenarios_have_an_answer():
     ]
     one = found.isel(kp=0, backlash=0).drop_vars(["kp", "backlash"])
     assert summary(one)[-2:] == ["Found: the RMS error is 0.4 K.", "It costs: the motor travels 4 strokes."]
+
+
+@pytest.mark.parametrize(
+    ("stored", "coords", "called"),
+    [
+        ({}, {}, "plain PI"),
+        ({"buffer": 1e-9, "buffer_ratio": 6.0, "noise_std": 0.0}, {}, "plain PI"),
+        ({"buffer": 0.02}, {}, "PI with a buffer"),
+        ({}, {"buffer": ("estimate_ratio", [0.01, 0.01])}, "PI with a buffer"),
+        ({"buffer_ratio": 6.0, "noise_std": 0.1}, {}, "PI with a buffer"),
+        ({"buffer_ratio": 6.0, "noise_std": 0.0, "buffer_noise": "measured"}, {}, "PI with a buffer"),
+    ],
+)
+def test_a_pi_whose_buffer_holds_reversals_back_is_not_called_plain(stored, coords, called):
+    metrics = dict.fromkeys(("rmse", "rmse_settled", "switch_frequency", "motor_travel"), [1.0, 0.5])
+    attrs = {"parameters": json.dumps(stored)}
+    lines = summary(hand_made(("estimate_ratio",), {"estimate_ratio": [0.0, 0.9], **coords}, attrs, **metrics))
+    assert any(f"than with the {called} of the same loop" in line for line in lines)
+    assert any("[cases.controller]" in line for line in lines) == (called != "plain PI")
 
 
 def test_scenarios_off_their_set_point_for_over_half_of_the_time_are_told():
