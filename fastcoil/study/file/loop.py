@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import xarray as xr
 from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.base.files import read_text
 from fastcoil.loops.assignment import WORD, expanded, table_of
+from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop, knowing
 from fastcoil.model.parameter_table import INSTALLED_VALVE, PARAMETERS
 from fastcoil.model.user_rules import Rule
@@ -113,6 +115,27 @@ def build_loop(
     if problems:
         raise InputError(problems)
     return loop
+
+
+_USUAL: dict[str, tuple[float, float, str]] = {
+    "kp": (-1.0, 1.0, "%/K, divide it by 100"),
+    "ti": (1.0, np.inf, "minutes, multiply it by 60"),
+    "backlash": (0.0, 0.3, "%, divide it by 100"),
+    "backlash_estimate": (0.0, 0.3, "%, divide it by 100"),
+    "stroke_time": (5.0, np.inf, "minutes, multiply it by 60"),
+}
+"""Least and largest usual value, and in which unit a value outside was perhaps meant; 0 always means off."""
+
+
+def warn_of_magnitudes(loop: Loop) -> None:
+    """Warn of values that are admissible, and more likely in another unit."""
+    for name, (least, most, meant) in _USUAL.items():
+        values = np.array([] if loop[name] is None else np.ravel(loop[name]))
+        odd = values[(values != 0.0) & ((values < least) | (values > most))]
+        if odd.size:
+            value, unit = odd[np.argmax(abs(odd))], PARAMETERS[name].unit
+            given = f"{value:g}" if unit == "1" else f"{value:g} {unit_in_words(unit)}"
+            warnings.warn(f"{name} = {given} is unusual and taken as it is: if it is in {meant}", stacklevel=2)
 
 
 def _find_repeated(file: StudyFile, constants: Mapping[str, str]) -> list[str]:

@@ -31,7 +31,7 @@ from fastcoil.model.metric_table import METRICS
 from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.analysis.cost import TAKEN, tariff_of
 from fastcoil.study.analysis.summary import Billing
-from fastcoil.study.file.loop import axis_size, build_loop, read_includes
+from fastcoil.study.file.loop import axis_size, build_loop, read_includes, warn_of_magnitudes
 from fastcoil.study.file.own_code import Source, find_rules, find_source
 from fastcoil.study.file.sampling import design_size
 from fastcoil.study.file.tables import RunTable, StudyFile, TariffTable, TuneTable, parse_tables, parse_toml, with_hints
@@ -248,6 +248,7 @@ def _study(
             problems.append(f"[run] reduce = {run.reduce!r} without traces: {cure}")
     if problems or plan is None:
         raise InputError(problems)
+    warn_of_magnitudes(plan.layout.loop)
     method = file.sample["method"] if file.sample else None
     return Study(
         text, tables, file.title or name, file.question, plan, folder, method, reduction, included, sources,
