@@ -13,6 +13,7 @@ from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.logs.cells import is_datum
 from fastcoil.logs.columns import Reading, Wanted, status_columns
 from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
+from fastcoil.logs.plausibility import looks_like, misread_units
 from fastcoil.logs.readings import read_columns
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.logs.table import Table, label_and_unit
@@ -26,13 +27,14 @@ _ROWS_LOOKED_AT = 1000  # A column without a number in them is one of remarks
 class Point(NamedTuple):
     """One point: its name among ``COLUMNS``, its times (µs since 1970, ascending) and values in our unit, (n,) each.
 
-    clock: ``UTC`` where the times are absolute; else the name of the zone beside them, blank without one.  offset: by
-    which the clock that wrote absolute times is ahead [µs].  file: where it is from.
+    unit: in which it was logged.  clock: ``UTC`` where the times are absolute; else the name of the zone beside them,
+    blank without one.  offset: by which the clock that wrote absolute times is ahead [µs].  file: where it is from.
     """
 
     name: str
     times: Index
     values: Array
+    unit: str
     clock: str
     offset: int
     file: str
@@ -121,7 +123,8 @@ def _points_of(
         if not kept.any():
             raise InputError(f"{table.name}: {name} has no value")
         clock = "UTC" if stamps.absolute else stamps.time_zone
-        points.append(Point(name, stamps.microseconds[kept], values[kept], clock, stamps.offset, table.name))
+        times, unit = stamps.microseconds[kept], readings.units[name]
+        points.append(Point(name, times, values[kept], unit, clock, stamps.offset, table.name))
     return points
 
 
@@ -200,6 +203,7 @@ def join_points(
     """
     how = Reading(units=units, time_format=time_format, has_command=True)
     points, notes = read_points(paths, columns, how, time_zone)
+    _question_units(points, units)
     points.sort(key=lambda point: list(COLUMNS).index(point.name))
     files = {point.clock: point.file for point in points}
     if len(files) > 1:
@@ -226,6 +230,19 @@ def join_points(
     offsets = {point.offset for point in points}
     offset = None if points[0].clock != "UTC" else offsets.pop() if len(offsets) == 1 else 0
     return Joined(_text(clock[good], {n: v[good] for n, v in values.items()}, offset), notes)
+
+
+def _question_units(points: Sequence[Point], trusted: Mapping[str, str]) -> None:
+    """Refuse points whose numbers contradict the unit in their file, alone or beside each other."""
+    by_name = {point.name: point for point in points}
+    values = {name: point.values for name, point in by_name.items()}
+    found = misread_units(values, {name: point.unit for name, point in by_name.items()}, trusted)
+    if found:
+        raise InputError([
+            f"{by_name[name].file}: {name} is declared in {by_name[name].unit}, and {looks_like(meant)}: write "
+            f"'[{meant}]' in the header; if {by_name[name].unit} is right, say so: --unit {name}='{by_name[name].unit}'"
+            for name, meant in found.items()
+        ])  # fmt: skip
 
 
 def _clock(points: Sequence[Point], regular: Mapping[str, bool], step: float | None) -> Index:

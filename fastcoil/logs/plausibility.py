@@ -16,11 +16,11 @@ from fastcoil.model import moist_air
 
 _AIR = ("T_sup", "T_set")
 _TEMPERATURES = (*_AIR, "T_a_in", "T_w_in")
-_COLDEST, _WARMEST, _WARMEST_ENTERING = 2.0, 50.0, 45.0  # medians of air at a coil, degC
+_COLDEST, _WARMEST = 2.0, 45.0  # medians of air at a coil, degC
 _HOT_WATER = 5.0  # by which water is warmer than air that it heats, K
 _OFF_SET = 12.0  # by which the medians of temperature and set-point differ at most, K
-_BELOW, _ABOVE = 5.0, 10.0  # by which supply air lies outside entering air and water: sensors, fan, K
-_LEAST_OF_F, _MOST_OF_C = 32.0, 45.0  # numbers of °F, and of °C
+_OUTSIDE = 4.0  # by which supply air lies outside entering air and water: sensors, fan, K
+_LEAST_OF_F, _MOST_OF_C, _MOST_OF_WATER = 32.0, 45.0, 100.0  # numbers of °F; of °C
 _FEWEST_VALUES, _LEAST_TRAVEL = 5, 0.2  # of a command that is a fraction, and not a valve that leaks
 _LEAST_G = 0.1  # g/kg
 _SLACK_DEW_POINT, _SLACK_W, _LOWEST_PRESSURE = 1.0, 1.05, 75e3
@@ -69,7 +69,8 @@ def _misread_temperatures(
     for name, number in medians.items():
         if units[name] == "degC" and number >= _LEAST_OF_F and name not in trusted:
             others[name] = "degF"
-        elif units[name] == "degF" and number <= _MOST_OF_C and name not in trusted:
+        most = _MOST_OF_WATER if name == "T_w_in" else _MOST_OF_C
+        if units[name] == "degF" and number <= most and name not in trusted:
             others[name] = "degC"
 
     def contradicts(changed: Mapping[str, str]) -> bool:
@@ -82,7 +83,7 @@ def _misread_temperatures(
 
     if not others or not contradicts({}):
         return {}
-    trials = [{name: unit} for name, unit in others.items()] + [others] * (others.keys() == medians.keys())
+    trials = [others] * (others.keys() == medians.keys()) + [{name: unit} for name, unit in others.items()]
     return next((trial for trial in trials if not contradicts(trial)), {})
 
 
@@ -90,14 +91,19 @@ def _is_contradictory(T: Mapping[str, float]) -> bool:
     """Whether median temperatures [degC] contradict each other, or are none of a coil."""
     air = [T[name] for name in _AIR if name in T]
     warmest = 100.0 if air and T.get("T_w_in", -math.inf) >= max(air) + _HOT_WATER else _WARMEST
-    if any(not _COLDEST <= one <= warmest for one in air) or T.get("T_a_in", 0.0) > _WARMEST_ENTERING:
+    if any(not _COLDEST <= one <= warmest for one in air) or T.get("T_a_in", 0.0) > _WARMEST:
         return True
     if len(air) == 2 and abs(air[0] - air[1]) > _OFF_SET:
         return True
     if not T.keys() >= {"T_sup", "T_a_in", "T_w_in"}:
         return False
     low, high = sorted((T["T_a_in"], T["T_w_in"]))
-    return not low - _BELOW <= T["T_sup"] <= high + _ABOVE
+    return not low - _OUTSIDE <= T["T_sup"] <= high + _OUTSIDE
+
+
+def looks_like(unit: str) -> str:
+    """The end of a sentence on numbers that are in another unit than the declared one."""
+    return f"its numbers look like {'a fraction' if unit == '1' else unit}"
 
 
 def above_saturation(values: Mapping[str, Array | float]) -> tuple[str, Mask]:

@@ -16,7 +16,7 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
 from fastcoil.logs.columns import Reading, Wanted, find_unit, marked_by_status
-from fastcoil.logs.plausibility import above_saturation, are_exchanged, misread_units
+from fastcoil.logs.plausibility import above_saturation, are_exchanged, looks_like, misread_units
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
 
@@ -32,7 +32,7 @@ class Readings:
 
     known: numbers in our units by name, (n,).  bad: where they may not be used.  missing: where a cell says that there
     is no value.  notes: what was taken for something else.  complaints: a sentence for each column with bad numbers.
-    units: of the columns, as declared.
+    units: as declared, of the columns most of whose numbers are possible in them.
     """
 
     known: dict[str, Array] = field(default_factory=dict)
@@ -69,6 +69,7 @@ def read_columns(
         values[by_status] = np.nan
         bad = series.is_bad(values)
         missing = cells.missing | by_status | series.is_missing_mark(cells.values)
+        readings.units[name] = unit
         off = _sensor_off(series, cells.values, values) & (not how.strict)
         wrong = bad & ~missing if sparse else bad
         if off.any():
@@ -80,23 +81,28 @@ def read_columns(
                 readings.complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
             bad = bad & ~off if name in wanted.measured else bad | off
         elif wrong.any():
-            readings.complaints.append(_complaint(table, series, column, unit, wrong, by_status, cells.values))
+            complaint = _complaint(table, series, column, unit, wrong, by_status, cells.values)
+            impossible = wrong & ~missing & np.isfinite(values)
+            if 2 * impossible.sum() > np.isfinite(values).sum():  # the unit is wrong, not some readings
+                table.problems.append(complaint)
+                del readings.units[name]
+            else:
+                readings.complaints.append(complaint)
         if unit == "V" and series.units is TRAVEL:
             _suspect_live_zero(series, values[~bad], how, table.notes)
         readings.known[name], readings.bad[name], readings.missing[name] = values, bad, missing
-        readings.units[name] = unit
     return readings
 
 
 def question_units(table: Table, readings: Readings, found: Mapping[str, int], how: Reading) -> None:
     """Make a problem of each unit that the numbers contradict, and of set-point and temperature exchanged."""
     trusted = {name for name in how.units if name in found and table.declared_units(found[name])}
-    values = {name: np.where(readings.bad[name], np.nan, known) for name, known in readings.known.items()}
+    values = {name: np.where(readings.missing[name], np.nan, readings.known[name]) for name in readings.units}
     for name, meant in misread_units(values, readings.units, trusted).items():
         unit, k = readings.units[name], int(np.argmax(np.isfinite(values[name])))
         cell, row = shown(table.rows[k][found[name]].strip()), table.row_numbers[k]
         table.problems.append(
-            f"{name} is {cell} in row {row}, and its unit {unit}: its numbers look like {meant}: "
+            f"{name} = {cell} in row {row} is declared in {unit}, and {looks_like(meant)}: "
             f"{table.cure_of_unit(found[name], meant)}; if {unit} is right, declare it in the log and "
             f"with {how.unit_cure(name, unit)}"
         )
@@ -279,11 +285,11 @@ def fill_or_cut(
         Whether the time is from timestamps.
     """
     known, bad = readings.known, dict(readings.bad)
-    if readings.complaints and not how.drop:
-        if how.drop is not None:
+    if table.problems or (readings.complaints and not how.drop):
+        if readings.complaints and how.drop is False:
             cure = how.cure("drop=True", "--drop")
             readings.complaints[-1] += f"; or leave such values out and count them: {cure}"
-        table.problems += readings.complaints + _sparse(readings)
+        table.problems += readings.complaints + _sparse(readings) * bool(readings.complaints)
         return known, time
     for name in [n for n in wanted.measured if n in bad]:
         lost = bad.pop(name)

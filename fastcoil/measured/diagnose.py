@@ -12,7 +12,7 @@ from fastcoil.base.arguments import checking, number_of
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
-from fastcoil.measured.agreement import LEAST_ANSWERED, answered, note_of_heat, require_agreement
+from fastcoil.measured.agreement import LEAST_ANSWERED, answered, require_agreement
 from fastcoil.measured.cause import cause_of, predictions_of
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.fitted_loop import fit_loop_model
@@ -93,7 +93,6 @@ def diagnose(
         values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on
     )
     cause = cause_of(measures, loop, identified=found.identified)
-    notes += note_of_heat(data, np.nan if isinstance(loop, str) else loop.pi.kp)
     doubt = loop if isinstance(loop, str) else loop.doubt
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
     if not isinstance(loop, str):

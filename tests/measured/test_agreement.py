@@ -27,23 +27,25 @@ def read_as_celsius(log, *names):
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        (lambda log: read_as_celsius(log, "T_sup"), "T_sup is typically 57.* and T_set 14.* with the valve in control"),
-        (lambda log: read_as_celsius(log, "T_set"), "check the units of both"),
-        (lambda log: read_as_celsius(log, "T_sup", "T_set"), "in a cooling loop: if it is logged in degF, declare"),
-        (lambda log: log.rename(T_sup="T_set", T_set="T_sup"), "T_set changes at 100 % .* if the two are swapped"),
+        (lambda log: read_as_celsius(log, "T_sup"), "T_sup = .* is declared in degC, and .* look like degF"),
+        (lambda log: read_as_celsius(log, "T_set"), r"T_set = .* look like degF: give it attrs\['units'\] = 'degF'"),
+        (lambda log: read_as_celsius(log, "T_sup", "T_set"), "T_set = .* look like degF"),
+        (lambda log: log.assign(T_set=log.T_set + 20.0), "T_sup is typically 14.* and T_set 34.* with the valve in"),
+        (lambda log: log.rename(T_sup="T_set", T_set="T_sup"), "while T_sup stands still, as if they were exchanged"),
         (lambda log: log.isel(elapsed_time=slice(None, 20)).assign_coords(
             elapsed_time=("elapsed_time", 86400.0 * np.arange(20), {"units": "s"})), "a sample every 86,400 s"),
     ],
-    ids=["T_sup in °F", "T_set in °F", "both in °F", "swapped", "a row a day"],
+    ids=["T_sup in °F", "T_set in °F", "both in °F", "far apart", "swapped", "a row a day"],
 )  # fmt: skip
 def test_temperatures_in_two_units_or_in_each_others_columns_are_refused(log, changed, says):
     with pytest.raises(fc.InputError, match=says):
         fc.diagnose(changed(log), stroke_time=90.0)
 
 
-def test_air_as_hot_as_this_is_noted_where_nothing_says_that_the_loop_cools(log):
+def test_air_as_hot_as_this_is_read_where_its_unit_is_declared_twice(log):
     hot = read_as_celsius(log, "T_sup").drop_vars("T_set")
-    assert any("if it is logged in degF, declare that" in note for note in fc.diagnose(hot, stroke_time=90.0).notes)
+    assert "look like degF" in refusal(fc.diagnose, hot, stroke_time=90.0)
+    assert fc.diagnose(hot, stroke_time=90.0, units={"T_sup": "degC"}).identified
 
 
 def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(log):
@@ -55,9 +57,11 @@ def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(l
 def test_a_coil_and_a_loop_whose_temperatures_do_not_agree_are_refused():
     log = coil_log(hours=1.0, every=10)
     wrong = read_as_celsius(log, "T_sup")
-    assert "T_sup is typically" in refusal(fc.fit_coil, wrong)
+    assert "T_sup = '67.98" in refusal(fc.fit_coil, wrong)
     command = xr.DataArray(np.linspace(0.0, 1.0, 360), dims="elapsed_time", attrs={"units": "1"})
-    assert "check their units" in refusal(fc.fit_loop, wrong.assign(command=command), fc.Loop())
+    assert "look like degF" in refusal(fc.fit_loop, wrong.assign(command=command), fc.Loop())
+    cold = log.assign(T_sup=log.T_sup - 20.0)
+    assert "check their units" in refusal(fc.fit_coil, cold)
 
 
 def test_no_size_is_claimed_of_a_command_that_does_not_answer_this_temperature(log):

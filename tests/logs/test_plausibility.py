@@ -1,0 +1,210 @@
+"""Logs whose numbers contradict the declared units, humidity above saturation, exchanged columns, rows out of order."""
+
+import time
+
+import numpy as np
+import pytest
+from helpers.refusals import only_problem, problems
+
+import fastcoil as fc
+from fastcoil.logs import Reading, read_log
+from fastcoil.logs.columns import Wanted
+from fastcoil.logs.join import join_points
+from fastcoil.model.moist_air import humidity_ratio
+
+N = 120
+TEMPERATURES = ("T_sup", "T_set", "T_a_in", "T_w_in")
+UNITS = {"T_sup": "degC", "T_set": "degC", "T_a_in": "degC", "T_w_in": "degC", "command": "%", "m_a": "kg/s"}
+
+
+def sound_log(r, heats=False):
+    """Columns of a cooling or heating coil by name, in the usual units."""
+    k = np.arange(N)
+    T_set = np.repeat(r.uniform(22, 32, 4) if heats else r.uniform(12, 16, 4), N // 4)
+    return {
+        "T_sup": T_set + r.normal(0, 0.4, N),
+        "T_set": T_set,
+        "T_a_in": (r.uniform(8, 18) if heats else r.uniform(22, 27)) + np.sin(k / 20),
+        "T_w_in": (r.uniform(45, 75) if heats else r.uniform(6, 9)) + 0.2 * np.sin(k / 9),
+        "command": 50 + r.uniform(10, 40) * np.sin(k / 7),
+        "m_a": 1.2 + 0.1 * np.sin(k / 11),
+        "RH_a_in": 50 + 5 * np.sin(k / 13),
+    }
+
+
+def text_of(log, units, order=range(N), unit_row=None):
+    header = ["timestamp", *(f"{name} [{units[name]}]" if units.get(name) else name for name in log)]
+    stamps = [f"2024-07-25T{8 + i // 60:02}:{i % 60:02}:00" for i in range(N)]
+    rows = [[stamps[i], *(f"{column[i]:.6g}" for column in log.values())] for i in order]
+    return "\n".join(map(",".join, [header, *([unit_row] if unit_row else []), *rows]))
+
+
+def read(tmp_path, text, log, **options):
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8")
+    humidity = tuple({"RH_a_in", "W_a_in", "T_dp_in"} & set(log)) or ("RH_a_in",)
+    wanted = Wanted(("command", "T_sup", "T_a_in", "T_w_in", "m_a", humidity), ("T_set",), ("T_sup",))
+    return read_log(path, wanted, Reading(has_command=True, **options))
+
+
+def mutated(kind, r, heats):
+    """A log with one contradiction, as a text, and its columns."""
+    log, units, layout = sound_log(r, heats), UNITS | {"RH_a_in": "%"}, {}
+    name = str(r.choice(TEMPERATURES))
+    W = humidity_ratio(log["T_a_in"], log["RH_a_in"] / 100, 101325.0)
+    if kind in ("all °F", "all °F, no unit"):
+        log |= {one: 1.8 * log[one] + 32 for one in TEMPERATURES}
+        units |= dict.fromkeys(TEMPERATURES if "no" in kind else ())
+    elif kind == "one °F":
+        log[name] = 1.8 * log[name] + 32
+    elif kind == "one °C as °F":
+        units[name] = "degF"
+    elif kind == "unit row":
+        layout["unit_row"] = ["", *("degF" if one == name else units[one] for one in log)]
+    elif kind == "RH as a fraction":
+        log["RH_a_in"] = log["RH_a_in"] / 100
+    elif kind == "command as a fraction":
+        log["command"] = log["command"] / 100
+    elif kind == "command without a unit":
+        units["command"] = None
+    elif kind == "exchanged":
+        log["T_sup"], log["T_set"] = log["T_set"], log["T_sup"]
+    elif kind == "shuffled":
+        layout["order"] = r.permutation(N)
+    else:
+        del log["RH_a_in"]
+        humidity = {
+            "W in g as kg": ("W_a_in", 1000 * W, "kg/kg"), "W in kg as g": ("W_a_in", W, "g/kg"),
+            "W above saturation": ("W_a_in", 4 * W, "kg/kg"), "dew point": ("T_dp_in", log["T_a_in"] + 3, "degC"),
+        }[kind]  # fmt: skip
+        log[humidity[0]], units[humidity[0]] = humidity[1:]
+    return text_of(log, units, **layout), log
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("all °F", "look like degF: write 'T_sup [degF]' in the header"),
+        ("all °F, no unit", "T_sup has no unit, and its values look like °F: write 'T_sup [degF]'"),
+        ("one °F", ""),
+        ("one °C as °F", ""),
+        ("unit row", "by its header, in 'degF' by the row of units: delete one"),
+        ("RH as a fraction", "declared in %, and its numbers look like a fraction: write 'RH_a_in [1]' in the header"),
+        ("command as a fraction", "declared in %, and its numbers look like a fraction: write 'command [1]'"),
+        ("command without a unit", "its values look like percent: write 'command [%]'"),
+        ("exchanged", "while T_sup stands still, as if they were exchanged: exchange the two headers"),
+        ("shuffled", "sort the rows, oldest first"),
+        ("W in g as kg", "must be from 0 to 0.1 kg/kg; check its unit"),
+        ("W in kg as g", "declared in g/kg, and its numbers look like kg/kg: write 'W_a_in [kg/kg]'"),
+        ("W above saturation", "is above saturation at T_a_in = "),
+        ("dew point", "is above saturation at T_a_in = "),
+    ],
+)
+@pytest.mark.parametrize("heats", [False, True], ids=["cooling", "heating"])
+def test_a_log_with_a_contradiction_is_refused_with_value_row_and_cure(tmp_path, kind, words, heats):
+    for seed in range(3):
+        text, log = mutated(kind, np.random.default_rng(seed), heats)
+        for options in ({}, {"drop": True, "jumps": "split"}):
+            said = "\n".join(problems(read, tmp_path, text, log, **options))
+            assert words in said
+            assert "row" in said or "no unit" in said
+
+
+@pytest.mark.parametrize("heats", [False, True], ids=["cooling", "heating"])
+def test_a_sound_log_is_read_in_either_unit_without_a_word(tmp_path, heats):
+    for seed in range(5):
+        log = sound_log(np.random.default_rng(seed), heats)
+        of_C = read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
+        in_F = log | {name: 1.8 * log[name] + 32 for name in TEMPERATURES}
+        of_F = read(tmp_path, text_of(in_F, UNITS | dict.fromkeys(TEMPERATURES, "degF") | {"RH_a_in": "%"}), log)
+        assert not of_C.notes + of_F.notes
+        np.testing.assert_allclose(of_F.values["T_sup"], of_C.values["T_sup"], atol=1e-3)
+
+
+def test_a_unit_that_header_and_caller_declare_is_trusted(tmp_path):
+    log = sound_log(np.random.default_rng(0)) | {"RH_a_in": np.full(N, 0.6)}
+    text = text_of(log, UNITS | {"RH_a_in": "%"})
+    assert "if % is right, declare it in the log and with units={'RH_a_in': '%'}, --unit RH_a_in='%'" in only_problem(
+        read, tmp_path, text, log
+    )
+    assert read(tmp_path, text, log, units={"RH_a_in": "%"}).values["RH_a_in"][0] == pytest.approx(0.006)
+
+
+def test_a_few_readings_above_saturation_are_bad_values(tmp_path):
+    log = sound_log(np.random.default_rng(0))
+    log["T_dp_in"] = log["T_a_in"] - 5
+    log["T_dp_in"][[7, 30]] = 45
+    del log["RH_a_in"]
+    text = text_of(log, UNITS | {"T_dp_in": "degC"})
+    assert "T_dp_in = 45 degC in row 9 is above saturation" in only_problem(read, tmp_path, text, log)
+    found = read(tmp_path, text, log, drop=True)
+    assert found.time.size == N - 2
+    assert "2 rows left out: T_dp_in is no admissible number (first in row 9)" in found.notes
+
+
+@pytest.mark.parametrize("constants", [{"T_dp_in": 30}, {"W_a_in": 0.05}])
+def test_a_constant_humidity_above_saturation_is_refused(tmp_path, constants):
+    log = sound_log(np.random.default_rng(0))
+    del log["RH_a_in"]
+    wanted = Wanted(("T_a_in", tuple(constants)))
+    path = tmp_path / "log.csv"
+    path.write_text(text_of(log, UNITS))
+    how = Reading(columns={}, constants=constants, drop=True)
+    assert "in row 2 is above saturation at T_a_in" in only_problem(read_log, path, wanted, how)
+
+
+def test_shuffled_rows_are_refused_before_any_work(write):
+    r = np.random.default_rng(1)
+    rows = [[60 * k, r.uniform(0, 100), 14 + r.normal()] for k in r.permutation(400)]
+    start = time.monotonic()
+    path = write(["elapsed_time [s]", "command [%]", "m_w [kg/s]"], rows)
+    said = only_problem(fc.fit_valve, path, drop=True, jumps="split")
+    assert "give every row a time of its own, to the second, and sort the rows, oldest first" in said
+    assert time.monotonic() - start < 5.0
+
+
+def test_the_newest_row_first_is_turned_round_and_said(tmp_path):
+    log = sound_log(np.random.default_rng(0))
+    units = UNITS | {"RH_a_in": "%"}
+    turned = read(tmp_path, text_of(log, units, order=range(N)[::-1]), log)
+    assert turned.notes == ["the newest row is first: turned round"]
+    assert (turned.rows[0], turned.start) == (N + 1, np.datetime64("2024-07-25T08:00:00"))
+    np.testing.assert_array_equal(turned.values["T_sup"], read(tmp_path, text_of(log, units), log).values["T_sup"])
+
+
+@pytest.mark.parametrize("cell", ["1_5", "１５", "1_5 %", "٣"])
+def test_digits_that_no_system_writes_are_no_numbers(write, cell):
+    path = write(["elapsed_time [s]", "command [%]"], [[0, 10], [60, cell], [120, 20]])
+    assert f"command = '{cell}' in row 3: give a number" in only_problem(read_log, path, Wanted(("command",)))
+
+
+def test_files_to_join_are_checked_beside_each_other(tmp_path):
+    log = sound_log(np.random.default_rng(0))
+    paths = []
+    for name, unit in (("T_sup", "degC"), ("T_set", "degF"), ("command", "%")):
+        paths.append(tmp_path / f"{name}.csv")
+        paths[-1].write_text(text_of({name: log[name]}, {name: unit}))
+    said = only_problem(join_points, paths, columns={}, units={})
+    assert said.startswith("T_set.csv: T_set is declared in degF, and its numbers look like degC: write '[degC]'")
+    assert join_points(paths, columns={}, units={"T_set": "degF"}).text
+
+
+@pytest.mark.kernel
+def test_a_frame_is_read_as_a_file_is(tmp_path):
+    pd = pytest.importorskip("pandas")
+    r = np.random.default_rng(2)
+    command = np.round(np.repeat(r.uniform(0, 100, 40), 5), 1)
+    columns = {"command [%]": command, "m_w [kg/s]": np.round(command / 50 + r.normal(0, 0.01, 200).clip(0), 4)}
+    index = pd.date_range("2024-07-01T08:00", periods=200, freq="60s", name="when", tz="America/New_York")
+    frame = pd.DataFrame(columns, index=index)
+    path = tmp_path / "log.csv"
+    frame.rename_axis("timestamp").to_csv(path)
+    assert fc.fit_valve(frame).parameters == fc.fit_valve(path).parameters
+    log = read_log(frame, Wanted(("command", "m_w")))
+    assert (log.name, log.time_zone, log.start) == ("DataFrame", "UTC-04:00", np.datetime64("2024-07-01T08:00:00"))
+    assert "time goes back" not in only_problem(
+        read_log, frame.iloc[r.permutation(200)], Wanted(("command",)), Reading()
+    )
+    assert "column 'm_w [kg/s]' appears twice" in only_problem(
+        read_log, pd.concat([frame, frame["m_w [kg/s]"]], axis=1), Wanted(("command",))
+    )
