@@ -110,9 +110,9 @@ def parameters() -> dict[str, Any]:
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from fastcoil.base.machine import package_version
+        from fastcoil.base.machine import VERSION
 
-        value: Any = package_version()
+        value: Any = VERSION
     elif name == "plot":
         with _loading:
             value = import_module("fastcoil.deliver.figures")

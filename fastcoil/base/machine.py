@@ -1,14 +1,16 @@
-"""Available memory, and the installed version of fastcoil."""
+"""The version of fastcoil, and the available memory."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from fastcoil.base.files import read_bytes
+
+VERSION = "0.2.0"
+"""Of fastcoil.  The package and `fastcoil --version` take it from here."""
 
 PROC = Path("/proc")
 CGROUPS = Path("/sys/fs/cgroup")
@@ -89,11 +91,3 @@ def _text(path: Path) -> str:
         if path.is_file():
             return read_bytes(path, _LARGEST).decode()
     return ""
-
-
-def package_version() -> str:
-    """Version of fastcoil; ``unknown`` in a source tree that is not installed."""
-    try:
-        return version("fastcoil")
-    except PackageNotFoundError:
-        return "unknown"

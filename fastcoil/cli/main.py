@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from fastcoil.base.machine import VERSION
 from fastcoil.cli.deliver import archive, cite, export, report
 from fastcoil.cli.design import explain, explore, tune
 from fastcoil.cli.fit import fit
@@ -14,7 +15,7 @@ from fastcoil.cli.study import init, paper, parameters, plan, presets, rerun, ru
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(package_name="fastcoil")
+@click.version_option(VERSION, package_name="fastcoil")
 def main() -> None:
     """Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
 

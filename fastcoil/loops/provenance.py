@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.machine import package_version
+from fastcoil.base.machine import VERSION
 from fastcoil.loops.netcdf import encoded
 from fastcoil.model.numerics.jit import compiled_for
 
@@ -83,7 +83,7 @@ ABSENT = "absent"
 
 def provenance() -> dict[str, Any]:
     """Attributes that say what made a result: versions and machine, no user and no path."""
-    now, own = datetime.now(UTC).isoformat(timespec="seconds"), _own_version()
+    now, own = datetime.now(UTC).isoformat(timespec="seconds"), VERSION
     return {
         "Conventions": "CF-1.11",
         "fastcoil_format": FORMAT,
@@ -98,9 +98,6 @@ def provenance() -> dict[str, Any]:
         "platform": f"{sys.platform} {platform.machine()}",
         "computed_on": json.dumps([compiled_for()]),
     }
-
-
-_own_version = cache(package_version)
 
 
 @cache

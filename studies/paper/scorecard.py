@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import t
 
-from fastcoil.base.machine import package_version
+from fastcoil.base.machine import VERSION
 from fastcoil.base.text import percent
 from fastcoil.model.parameter_table import PARAMETERS
 from studies.paper.claims import CLAIMS, IDENTITIES, Claim
@@ -190,7 +190,7 @@ def scorecard(evidence: Mapping[str, xr.Dataset], kinds: Mapping[str, str], *, q
         "command": "python -m studies paper",
         "quick": quick,
         "caveat": CAVEAT + ("  Quick mode: too few tunings and days to be quoted." if quick else ""),
-        "fastcoil_version": package_version(),
+        "fastcoil_version": VERSION,
         "kinds": dict(kinds),
         "grid": {
             "n_tunings_tried": int(is_sound.size),

@@ -24,7 +24,9 @@ def test_the_citation_agrees_with_the_project():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors", "type", "abstract", "keywords"} <= citation.keys()
     project = PYPROJECT["project"]
-    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
+    assert (citation["version"], citation["license"]) == (fc.__version__, project["license"])
+    assert project["dynamic"] == ["version"]
+    assert PYPROJECT["tool"]["hatch"]["version"]["path"] == "fastcoil/base/machine.py"
     assert citation["authors"] == project["authors"]
     (paper,) = citation["references"]
     assert [author["family-names"] for author in paper["authors"]] == ["Cai", "Braun"]
@@ -32,5 +34,7 @@ def test_the_citation_agrees_with_the_project():
 
 
 def test_a_release_date_stands_in_the_citation_once_the_version_is_released():
-    released = f"## {fc.__version__} (unreleased)" not in (ROOT / "CHANGELOG.md").read_text()
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    assert next(line for line in changes.splitlines() if line.startswith("## ")).split()[1] == fc.__version__
+    released = f"## {fc.__version__} (unreleased)" not in changes
     assert ("date-released:" in (ROOT / "CITATION.cff").read_text()) == released

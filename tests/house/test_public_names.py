@@ -1,25 +1,16 @@
 """The names of ``fastcoil`` itself."""
 
-import importlib.metadata
 import subprocess
 import sys
 
 import fastcoil as fc
+from fastcoil.base.machine import VERSION
 
 
-def test_the_version_is_that_of_the_installed_package():
-    assert fc.__version__ == importlib.metadata.version("fastcoil")
+def test_the_version_has_one_source():
+    told = subprocess.run([sys.executable, "-m", "fastcoil", "--version"], capture_output=True, text=True, check=True)
+    assert told.stdout.split()[-1] == fc.__version__ == VERSION
     assert "__version__" in dir(fc)
-
-
-def test_a_source_tree_that_is_not_installed_has_an_unknown_version(monkeypatch):
-    from fastcoil.base import machine as version
-
-    def absent(name):
-        raise importlib.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(version, "version", absent)
-    assert version.package_version() == "unknown"
 
 
 def test_presets_and_parameters_load_nothing_heavy():

@@ -16,7 +16,7 @@ import jinja2
 import numpy as np
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.machine import package_version
+from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.python import commented, names_in
 from fastcoil.deliver.export.translate import Port, Translator
 from fastcoil.deliver.export.words import number, plain_text
@@ -137,7 +137,7 @@ class Controller:
             "band": "band" if ratio or self.waives_buffer else "BUFFER",
             "noise_of_median": repr(float(noise_level(1.0))),
             "words": plain_text(self.words()),
-            "version": package_version(),
+            "version": VERSION,
         }
         template = templates().get_template("controller.py.jinja")
         used = names_in(template.render(parts, parameters=[]))

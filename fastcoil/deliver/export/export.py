@@ -13,7 +13,7 @@ import numpy as np
 from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, may_be_file, read_bytes
-from fastcoil.base.machine import package_version
+from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.c import InC
 from fastcoil.deliver.export.controller import Controller, templates
 from fastcoil.deliver.export.source import Laws
@@ -162,4 +162,4 @@ def _difference(text: str, vectors: Vectors) -> str:
 
 
 def _check(kind: str, words: dict[str, object]) -> str:
-    return templates().get_template(f"check.{kind}.jinja").render(words, version=package_version())
+    return templates().get_template(f"check.{kind}.jinja").render(words, version=VERSION)

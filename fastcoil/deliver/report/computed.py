@@ -10,7 +10,7 @@ from typing import Any
 import xarray as xr
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.machine import package_version
+from fastcoil.base.machine import VERSION
 from fastcoil.base.text import NONE
 from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
 from fastcoil.deliver.tables import escaped
@@ -86,7 +86,7 @@ def versions(ds: xr.Dataset) -> Section:
 def here() -> Section:
     """The versions of this installation, for a result that was not read from a file."""
     found = [f"{package} {number}" for package, number in package_versions().items() if number != ABSENT]
-    pairs = [("fastcoil", package_version()), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
+    pairs = [("fastcoil", VERSION), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
     return Section("Versions", [facts(*pairs)])
 
 
@@ -181,7 +181,7 @@ def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
 
 
 def _version(results: Mapping[str, Any] | None) -> str:
-    return package_version() if results is None else str(results.get("fastcoil_version", "unknown"))
+    return VERSION if results is None else str(results.get("fastcoil_version", "unknown"))
 
 
 def _entry(kind: str, key: str, **fields: str) -> list[str]:

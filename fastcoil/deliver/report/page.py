@@ -17,7 +17,7 @@ import numpy as np
 from fastcoil.base.errors import InputError
 from fastcoil.base.figures import encode
 from fastcoil.base.files import commit, exists, may_be_file, read_bytes
-from fastcoil.base.machine import package_version
+from fastcoil.base.machine import VERSION
 from fastcoil.base.text import MINUS, NONE, printable, written
 from fastcoil.loops.labels import quantity
 from fastcoil.model.parameter_table import PARAMETERS
@@ -187,7 +187,7 @@ class Page:
             finalize=_shown, trim_blocks=True, lstrip_blocks=True,
         )  # fmt: skip
         sections = [section for section in self.sections if section.blocks]
-        return made.get_template("page.html").render(page=self, sections=sections, version=package_version())
+        return made.get_template("page.html").render(page=self, sections=sections, version=VERSION)
 
     def markdown(self) -> str:
         """The whole page in Markdown; its pictures are the files beside it."""
