@@ -13,8 +13,10 @@ from fastcoil.base.arguments import checking, instance_of, is_number, plain
 from fastcoil.base.arrays import Array, Index, array_of
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.plants import Columns, Plants, plants_of
+from fastcoil.logs.series import TIME
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes, check_stability
+from fastcoil.loops.labelled import as_labelled, in_our_unit
 from fastcoil.loops.labels import quantity
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, columns_of, coordinate_attrs
@@ -128,6 +130,8 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     cure = f"give a second of the boundary, a whole number from 0 to {n_steps - 1}, or a list of them"
     if at is None:
         return None
+    labelled = as_labelled("at", at, "at")
+    at = at if labelled is None else in_our_unit("at", labelled, TIME)
     values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
     if values.ndim != 1:
         raise InputError(WrongType(f"at = {shown(at)}: {cure}"))

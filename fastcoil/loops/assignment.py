@@ -134,11 +134,11 @@ def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
     labels = array.coords[dim]
     if labels.dtype.kind not in "biuf" and not all(isinstance(one, str) and is_text(one) for one in labels.values):
         raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")
-    units = units_of(PARAMETERS[dim].unit) if dim in PARAMETERS else {}
-    if units and labels.dtype.kind in "iuf" and not np.array_equal(in_our_unit(dim, labels, units), labels.values):
-        raise InputError(
-            f"{name}: the labels along {dim} are in {labels.attrs['units']!r}: give them in {next(iter(units))}"
-        )
+    if dim in PARAMETERS and labels.dtype.kind in "iuf":
+        ours = in_our_unit(dim, labels, units_of(PARAMETERS[dim].unit))
+        if not np.array_equal(ours, array.values if dim == name else labels.values):
+            cure = f"give labels in {PARAMETERS[dim].unit}, or none"
+            raise InputError(f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values: {cure}")
 
 
 NO_RULES: Mapping[str, Rule] = {}

@@ -16,6 +16,7 @@ import xarray as xr
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.humidity import MIST
 from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.presets import COOLING
 from fastcoil.loops.scenarios import Layout
@@ -211,7 +212,11 @@ FAR = 35.0
 
 def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
     """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
-    for doubt in _doubts(loop, boundary) if closed else ():
+    doubts = list(_doubts(loop, boundary)) if closed else []
+    pressure = float(np.max(np.asarray(loop["pressure"])))
+    if boundary.dampest.ratio * pressure > MIST:
+        doubts.append(boundary.dampest.sentence(pressure))
+    for doubt in doubts:
         warnings.warn(doubt, stacklevel=5)
 
 

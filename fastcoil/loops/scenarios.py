@@ -396,3 +396,6 @@ def check_result(ds: xr.Dataset) -> None:
     odd = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
     if odd:
         raise InputError(f"ds has no numbers as {', '.join(odd)}: {_CURE}")
+    units = {n: ds[n].attrs.get("units", m.unit) for n, m in METRICS.items() if n in ds}
+    if other := [n for n, unit in units.items() if unit != METRICS[n].unit]:
+        raise InputError([f"ds.{n} is in {shown(units[n])}: give it in {METRICS[n].unit}" for n in other])

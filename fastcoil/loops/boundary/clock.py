@@ -48,7 +48,7 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
     named = {"time_zone": zone, "the first sample": time_zone_of("time_zone", carried.time_zone)}
     if start is None:
         start = carried.start
-    elif hasattr(start, "to_numpy"):  # of xarray or pandas
+    elif hasattr(start, "to_numpy") and hasattr(start, "dtype"):  # of xarray or pandas
         array = as_labelled("start", start, "day") if hasattr(start, "dims") else None
         labels = {} if array is None or "day" not in array.coords else {"start": array["day"].values}
         _refuse(differing("day {}", {"the boundary": day} | labels, "align them"))

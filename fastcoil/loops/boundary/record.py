@@ -59,8 +59,8 @@ class Boundary(Samples):
     ----------
     m_a, T_a_in, W_a_in, T_w_in, T_set
         Air flow [kg/s], temperature [degC] and humidity ratio [kg/kg dry air] of the entering air,
-        temperature of the entering water [degC], set-point [degC].  ``W_a_in`` above saturation at ``T_a_in``
-        is legal (mist): sensors report it, and the coil model takes any humidity ratio.
+        temperature of the entering water [degC], set-point [degC].  `simulate` warns of
+        air of more than 105 % relative humidity at the pressure of its loop.
     noise
         Recorded noise, added to the measured temperature every second [K]; none if left out.
     enabled
@@ -149,7 +149,9 @@ class Boundary(Samples):
         clock = {"start": self.start, "time_zone": self.time_zone}
         clock |= {name: changes[name] for name in clock if name in changes}
         day = None if "day" in changes and self._make is None else label
-        known = Frame(self.n_steps, Course(day, 0.0, None if "start" in changes else self.start))
+        start = None if "start" in changes else self.start
+        zone = None if "time_zone" in changes else self.time_zone or None
+        known = Frame(self.n_steps, Course(day, 0.0, start, zone))
         problems: list[str] = []
         given, frame = read_series(series, problems, day=changes.get("day"), known=known)
         if problems:

@@ -18,6 +18,7 @@ from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs.series import DIFFERENCE
 from fastcoil.loops.boundary.clock import SECONDS, Clock, Times
+from fastcoil.loops.boundary.humidity import Dampest, dampest
 from fastcoil.loops.boundary.series import (
     ADDED_SERIES,
     BOUNDARY_SERIES,
@@ -39,11 +40,12 @@ by series."""
 
 
 class Survey(NamedTuple):
-    """Least and largest value by series, and digests of all and of each day, from one pass."""
+    """Least and largest value by series, digests of all and of each day, and the dampest air, from one pass."""
 
     extremes: dict[str, tuple[float, float]]
     sha256: str
     day_sha256: list[str]
+    dampest: Dampest
 
 
 class Samples:
@@ -145,7 +147,8 @@ class Samples:
         """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
         if self._make is None:
             return {name: values[k] for name, values in self.series.items()}, 0
-        return checked_day(self._make(k), int(self.day[k]), self.n_steps, None if self.start is None else self.start[k])
+        label, start = int(self.day[k]), None if self.start is None else self.start[k]
+        return checked_day(self._make(k), self.n_steps, Course(np.asarray(label), None, start, self.time_zone or None))
 
     @property
     def is_surveyed(self) -> bool:
@@ -171,11 +174,12 @@ class Samples:
     def _survey(self) -> Survey:
         small = self.n_days * self.n_steps <= LARGE
         extremes: dict[str, tuple[float, float]] = {}
-        hashes, kept, stopped = [], [], 0
+        hashes, kept, stopped, damp = [], [], 0, Dampest()
         for k, label in enumerate(self.day.tolist()):
             rows, seconds = self._rows(k)
             stopped += seconds
             hashes.append(day_digest(label, rows))
+            damp = dampest(rows["T_a_in"], rows["W_a_in"], label if self.has_day_dim else None, damp)
             for name, values in rows.items():
                 low, high = extremes.get(name, (np.inf, -np.inf))
                 extremes[name] = min(low, float(values.min())), max(high, float(values.max()))
@@ -183,10 +187,15 @@ class Samples:
                 kept.append(rows)
         warn_of_stops(stopped)
         if not small:
-            return Survey(extremes, digest_of(self, 2, (one.encode() for one in hashes)), hashes)
+            return Survey(extremes, digest_of(self, 2, (one.encode() for one in hashes)), hashes, damp)
         whole = {name: np.stack([rows[name] for rows in kept]) for name in extremes}
         named = ((name.encode(), np.ascontiguousarray(whole[name], dtype="<f8").data) for name in hashed(whole))
-        return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes)
+        return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes, damp)
+
+    @property
+    def dampest(self) -> Dampest:
+        """The sample of entering air that is nearest to saturation."""
+        return self._survey.dampest
 
     @property
     def extent(self) -> str:
@@ -294,20 +303,20 @@ def joined_day(makers: Sequence[Maker], k: int) -> Made:
     return {name: np.concatenate([one[name] for one in rows]) for name in rows[0]}
 
 
-def checked_day(made: Made, label: int, n_steps: int, start: Any = None) -> tuple[dict[str, Array], int]:
+def checked_day(made: Made, n_steps: int, known: Course) -> tuple[dict[str, Array], int]:
     """A day that was made as series of (n_steps,), and how many seconds have no air flow; mistakes name the day."""
+    label = int(np.asarray(known.day))
     if not isinstance(made, Mapping):
         cure = "give a mapping of series, such as a dict"
         raise InputError(WrongType(f"make gives a {type(made).__name__} for day {label}: {cure}"))
     if unknown := [name for name in made if name not in BOUNDARY_SERIES]:
-        known = ", ".join(BOUNDARY_SERIES)
+        names = ", ".join(BOUNDARY_SERIES)
         raise InputError(
-            [f"make gives {shown(n)} for day {label}{nearest(str(n), BOUNDARY_SERIES)}: use {known}" for n in unknown]
+            [f"make gives {shown(n)} for day {label}{nearest(str(n), BOUNDARY_SERIES)}: use {names}" for n in unknown]
         )
     problems: list[str] = []
-    values = {name: made.get(name) for name in BOUNDARY_SERIES}
-    frame = Frame(n_steps, Course(np.asarray(label), start=start))
-    given, _ = read_series(values, problems, known=frame)
+    series = {name: made.get(name) for name in BOUNDARY_SERIES}
+    given, _ = read_series(series, problems, known=Frame(n_steps, known))
     if problems:
         raise InputError([f"day {label}: {problem}" for problem in problems])
     rows, stopped = series_of(given, 1, n_steps, by_air=made.get("enabled") is None)

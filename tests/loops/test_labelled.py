@@ -1,0 +1,199 @@
+"""Labelled data at every door: units convert, labels agree, or a sentence says what contradicts."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from helpers.refusals import assert_only_problem, problems
+
+import fastcoil as fc
+from fastcoil.loops.plan import plan_simulation
+from fastcoil.loops.scenarios import check_result
+
+N = 120
+ZONE = "Europe/Berlin"
+TIMES = pd.date_range("2024-07-01 08:00", periods=N, freq="s")
+HALF = np.full(N, 0.5)
+DAY = fc.constant_day(N / 3600).assign(day=4, start="2024-07-01T08:00", time_zone=ZONE)
+SERIES = DAY.to_dataset()
+NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in")
+
+
+def made(value):
+    return {name: SERIES[name] for name in NAMES} | {"T_set": value}
+
+
+DOORS = {
+    "command": lambda value: plan_simulation(fc.Loop(), DAY, command=value, warm_up=0).command,
+    "Boundary": lambda value: fc.Boundary(**made(value)).series["T_set"],
+    "assign": lambda value: DAY.assign(T_set=value).series["T_set"],
+    "stream": lambda value: fc.Boundary.from_days(
+        lambda label: made(value), day=4, n_steps=N, start="2024-07-01T08:00", time_zone=ZONE
+    ).series["T_set"],
+    "assign to a stream": lambda value: fc.Boundary.from_days(
+        lambda label: made(14.0), day=4, n_steps=N, start="2024-07-01T08:00", time_zone=ZONE
+    ).assign(T_set=value).series["T_set"],
+}  # fmt: skip
+
+
+def array(**coords):
+    units = coords.pop("units", None)
+    along = xr.DataArray(HALF, dims="elapsed_time")
+    for name, values in coords.items():
+        along = along.assign_coords({name: values if np.ndim(values) == 0 else ("elapsed_time", values)})
+    if units is not None:
+        along.coords["elapsed_time"].attrs["units"] = units
+    return along
+
+
+RIGHT = {
+    "no labels": HALF,
+    "dims alone": array(),
+    "seconds": array(elapsed_time=np.arange(N)),
+    "seconds, with their unit": array(elapsed_time=np.arange(N), units="s"),
+    "minutes": array(elapsed_time=np.arange(N) / 60, units="min"),
+    "durations": array(elapsed_time=np.arange(N).astype("m8[s]").astype("m8[ns]")),
+    "dates": array(elapsed_time=TIMES.values),
+    "dates beside the seconds": array(elapsed_time=np.arange(N), time=TIMES.values),
+    "its day": array(day=4),
+    "its start": array(start=TIMES.values[0]),
+    "pandas, without an index": pd.Series(HALF),
+    "pandas, seconds": pd.Series(HALF, np.arange(N)),
+    "pandas, durations": pd.Series(HALF, TIMES - TIMES[0]),
+    "pandas, dates": pd.Series(HALF, TIMES),
+    "pandas, dates in the zone": pd.Series(HALF, TIMES.tz_localize(ZONE)),
+    "a DataFrame of days": pd.DataFrame({4: HALF}).rename_axis(index="elapsed_time", columns="day"),
+}
+WRONG = {
+    "later seconds": (array(elapsed_time=np.arange(N) + 60.0), ["first sample at elapsed_time"]),
+    "seconds in descending order": (array(elapsed_time=np.arange(N)[::-1]), ["a step of -1 s"]),
+    "minutes that pass for seconds": (array(elapsed_time=np.arange(N), units="min"), ["a step of 60 s"]),
+    "an unknown unit of time": (array(elapsed_time=np.arange(N), units="weeks"), ["'weeks'", "known units: s, min, h"]),
+    "a later date": (array(elapsed_time=TIMES.values + np.timedelta64(1, "h")), ["2024-07-01T09:00:00"]),
+    "a later start": (array(start=TIMES.values[1]), ["first sample at 2024-07-01T08:00:01"]),
+    "another day": (array(day=5), ["day 5"]),
+    "text as time": (array(elapsed_time=TIMES.strftime("%H:%M:%S").to_numpy(dtype=object)), ["is of type object"]),
+    "another dim": (array().rename(elapsed_time="kp"), ["dims ('kp',)"]),
+    "pandas, minutes": (pd.Series(HALF, pd.date_range("2024-07-01 08:00", periods=N, freq="min")), ["a step of 60 s"]),
+    "pandas, descending": (pd.Series(HALF, TIMES[::-1]), ["a step of -1 s"]),
+    "pandas, a later date": (pd.Series(HALF, TIMES + pd.Timedelta("1s")), ["2024-07-01T08:00:01"]),
+    "pandas, in another zone": (pd.Series(HALF, TIMES.tz_localize("UTC")), ["time zone UTC"]),
+    "a DataFrame without names": (pd.DataFrame({4: HALF}), ["name the axes"]),
+    "a DataFrame of another day": (
+        pd.DataFrame({5: HALF}).rename_axis(index="elapsed_time", columns="day"), ["day", "[5]"],
+    ),
+    "a Dataset": (xr.Dataset({"T_set": array()}), ["is a Dataset"]),
+    "a list of labelled arrays": ([array(day=5)], ["is a list with labels"]),
+    "units that are no text": (array().assign_attrs(units=5), ["units = 5"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("label", RIGHT)
+def test_labels_that_agree_leave_the_values_as_they_are(door, label):
+    np.testing.assert_array_equal(DOORS[door](RIGHT[label]), [HALF])
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("label", WRONG)
+def test_labels_that_contradict_are_refused(door, label):
+    value, words = WRONG[label]
+    assert any(all(word in text for word in words) for text in problems(DOORS[door], value))
+
+
+def test_labels_alone_give_a_boundary_its_clock():
+    series = {name: 1.0 for name in NAMES} | {"W_a_in": 0.001}
+    alone = fc.Boundary(T_set=pd.Series(HALF, TIMES.tz_localize(ZONE)), **series)
+    assert (alone.start[0], alone.time_zone) == (np.datetime64("2024-07-01T08:00"), ZONE)
+    over_a_change_of_clocks = pd.date_range("2024-10-27 02:59:30", periods=N, freq="s", tz="UTC").tz_convert(ZONE)
+    assert fc.Boundary(T_set=pd.Series(HALF, over_a_change_of_clocks), **series).n_steps == N
+    words = ["the time zone Europe/Berlin", "UTC"]
+    assert_only_problem(words, fc.Boundary, T_set=pd.Series(HALF, TIMES.tz_localize(ZONE)), **series, time_zone="UTC")
+    words = ["2024-07-01T08:00:00", "start has", "09:00"]
+    assert_only_problem(words, fc.Boundary, T_set=pd.Series(HALF, TIMES), **series, start="2024-07-01T09:00")
+
+
+@pytest.mark.parametrize("kind", [pd.Series, pd.DatetimeIndex, lambda times: times[0]])
+def test_a_start_of_pandas_keeps_its_zone(kind):
+    boundary = DAY.assign(start=kind(TIMES[:1].tz_localize("Asia/Tokyo")), time_zone=None)
+    assert (boundary.start[0], boundary.time_zone) == (np.datetime64("2024-07-01T08:00"), "Asia/Tokyo")
+
+
+def test_a_start_with_labels_of_other_days_is_refused():
+    start = xr.DataArray(TIMES.values[:2], {"day": [2, 1]}, "day")
+    assert_only_problem(["start has day [2 1]"], fc.Boundary, **made(HALF), day=[1, 2], start=start)
+
+
+# ---------------------------------------------------------------------------------------------------------- units
+
+UNITS = [
+    ("ti", 2.0, "min", 120.0), ("backlash", 20.0, "%", 0.2), ("kp", 3.0, "%/K", 0.03),
+    ("T_initial", 68.0, "degF", 20.0),
+    ("noise_std", 0.9, "degF", 0.5), ("pressure", 90.0, "kPa", 90e3), ("m_max", 3600.0, "kg/h", 1.0),
+    ("C_w", 8800.0, "J/K", 8.8), ("cp_w", 4186.0, "J/(kg K)", 4.186), ("smooth_rate", 3.0, "1/min", 0.05),
+    ("gradient_gain", 0.5, "K-1 s-1", 0.5),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "value", "unit", "ours"), UNITS)
+def test_parameters_are_converted_from_their_unit(name, value, unit, ours):
+    given = xr.DataArray([value, 1.1 * value], dims="tuning", attrs={"units": unit})
+    series = pd.Series([value, 1.1 * value], pd.Index([1, 2], name="tuning"))
+    series.attrs["units"] = unit
+    for labelled in (given, series):
+        found = fc.Loop(**{name: labelled})[name]
+        assert found.dims == ("tuning",)
+        assert found.values[0] == pytest.approx(ours, rel=1e-12)
+    assert fc.Loop(**{name: given[0]})[name] == pytest.approx(ours, rel=1e-12)
+    assert_only_problem(
+        [f"{name} is in 'furlong'", "known units"], fc.Loop, **{name: given.assign_attrs(units="furlong")}
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (xr.Dataset({"ti": ("x", [1.0])}), ["ti is a Dataset"]),
+        (pd.DataFrame([[1.0]]), ["name the axes"]),
+        ([xr.DataArray(2.0, attrs={"units": "min"})], ["ti is a list with labels"]),
+        (("x", xr.DataArray([1.0, 2.0], dims="x", attrs={"units": "min"})), ["has labels of its own"]),
+        (
+            xr.DataArray([1.0, 2.0], {"kp": ("kp", [1, 2], {"units": "%/K"})}, "kp"),
+            ["the labels along kp, [0.01, 0.02]"],
+        ),
+        (xr.DataArray([1.0, 2.0], {"ti": [2, 3]}, "ti"), ["the labels along ti, [2, 3], are not its values"]),
+    ],
+)
+def test_labels_that_a_parameter_cannot_have_are_refused(value, words):
+    assert_only_problem(words, fc.Loop, ti=value)
+
+
+def test_series_are_converted_from_their_unit():
+    percent, fahrenheit = (xr.DataArray(v * HALF, dims="elapsed_time") for v in (100.0, 118.0))
+    np.testing.assert_array_equal(DOORS["command"](percent.assign_attrs(units="%")), [HALF])
+    for door in ("Boundary", "assign", "stream"):
+        np.testing.assert_allclose(DOORS[door](fahrenheit.assign_attrs(units="degF")), [np.full(N, 15.0)])
+        assert_only_problem(["T_set is in 'degR'"], DOORS[door], fahrenheit.assign_attrs(units="degR"))
+    assert_only_problem(["command is in 'K'"], DOORS["command"], percent.assign_attrs(units="K"))
+
+
+@pytest.mark.kernel
+def test_results_given_back_keep_their_labels():
+    ds = fc.simulate(fc.Loop(ti=[60.0, 120.0]), DAY, warm_up=0, traces=["command"])
+    minutes = ds.assign_coords(ti=("ti", ds.ti.values / 60, {"units": "min"}))
+    assert fc.Loop.from_dataset(minutes)["ti"].values.tolist() == [60.0, 120.0]
+    again = fc.simulate(fc.Loop(), DAY, warm_up=0, command=ds["command"].isel(ti=0), traces=["command"])
+    np.testing.assert_array_equal(again["command"], ds["command"].isel(ti=0))
+    late = ds["command"].isel(ti=0).assign_coords(start=ds.start + np.timedelta64(1, "h"))
+    assert problems(fc.simulate, fc.Loop(), DAY, warm_up=0, command=late)
+    assert_only_problem(["ds.rmse is in 'mK'", "in K"], check_result, ds.assign(rmse=ds.rmse.assign_attrs(units="mK")))
+    at = xr.DataArray([0.5, 1.0], dims="at", attrs={"units": "min"})
+    assert fc.linearise(fc.Loop(), DAY, at=at)["elapsed_time"].values.tolist() == [30, 60]
+
+
+def test_damp_air_is_reported_at_the_pressure_of_the_loop():
+    day = DAY.assign(W_a_in=np.r_[HALF[:-1] * 0.02, 0.03])
+    with pytest.warns(UserWarning, match=r"W_a_in = 0.03 at T_a_in = 25 degC at second 119 is .* 147% at 101325 Pa"):
+        plan_simulation(fc.Loop(), day, warm_up=0)
+    assert day.dampest.where == " at second 119"
+    plan_simulation(fc.Loop(pressure=65e3), day, warm_up=0)
