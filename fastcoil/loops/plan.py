@@ -370,7 +370,7 @@ class Shard:
 
     def includes(self, other: Shard) -> bool:
         """Whether another shard, which comes after one of its halves, is part of it."""
-        return self.is_sequence and other.days.start in self.days
+        return other.days.start in self.days
 
     def after(self, part: xr.Dataset) -> Shard | None:
         """The shard that follows this one, given its results; None at the end of a chain."""
