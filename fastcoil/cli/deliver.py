@@ -89,7 +89,7 @@ def archive(folder: Path, out: Path | None) -> None:
     from fastcoil.study.archive import INPUTS, pack
 
     packed = pack(folder, out)
-    size = sum(entry.size for entry in packed.listing.files.values())
+    size = sum(entry.bytes for entry in packed.listing.files.values())
     say(f"Archive: {packed.path} ({size / 1e6:,.1f} MB), content_sha256 {packed.listing.content_sha256}")
     say(*(f"Input:   {name}" for name in packed.listing.files if name.startswith(f"{INPUTS}/")))
     for path, member in packed.listing.elsewhere.items():
