@@ -1,9 +1,14 @@
 """``fastcoil`` and ``python -m fastcoil``."""
 
-import gc
 import os
-import signal
 import sys
+
+# `python -m` looks for modules in the current folder first, where a rule of a study may be called csv.py
+if __name__ == "__main__" and sys.path[0] == os.getcwd() != os.path.dirname(os.path.dirname(__file__)):
+    del sys.path[0]
+
+import gc
+import signal
 import threading
 import traceback
 
@@ -16,6 +21,7 @@ from fastcoil.cli.terminal import say
 def run() -> None:
     """Run the command line; exit with its code, or with that of a storage error if output was lost."""
     gc.set_threshold(100_000)  # imports make many objects that stay: scanning them again and again takes 0.2 s
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # the same for workers
     streams = guard_streams()
     code = _run_command()
     lost = streams.loss()

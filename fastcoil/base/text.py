@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import unicodedata
 from collections.abc import Collection, Sequence
 
@@ -19,6 +20,14 @@ def printable(text: str) -> str:
 
 def _escaped(character: str) -> str:
     return character.encode("unicode_escape").decode("ascii")
+
+
+_FORMULA = re.compile(r"(^|[,;\t]\s*)(?=[=+\-@])")
+
+
+def no_formula(text: str) -> str:
+    """Text for a CSV file: an apostrophe stands before what a spreadsheet would take as a formula."""
+    return _FORMULA.sub(r"\1'", text)
 
 
 MINUS = "\N{MINUS SIGN}"

@@ -19,7 +19,7 @@ import xarray as xr
 
 from fastcoil.base.errors import InputError, missing_extra, nearest, shown
 from fastcoil.base.files import commit_written
-from fastcoil.base.text import MINUS, NONE, written
+from fastcoil.base.text import MINUS, NONE, no_formula, written
 from fastcoil.deliver.figures.drawing import BAND, FEWEST_FOR_A_BAND
 from fastcoil.loops.labels import quantity, quantity_of
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
@@ -134,14 +134,17 @@ def write_csv(table: Tidy, path: Path) -> None:
     """Write a table as CSV: UTF-8, decimal points, an empty cell where there is no value.
 
     Comment lines begin with ``#``.  Should a label have one, all texts are quoted, so that readers do not cut it off.
+    An apostrophe stands before a text that a spreadsheet would take as a formula.
     """
     quoting = csv.QUOTE_NONNUMERIC if _has_comment(table) else csv.QUOTE_MINIMAL
-    header = [column.header for column in table.columns]
+    header = [no_formula(column.header) for column in table.columns]
 
     def write(unfinished: Path) -> None:
         with unfinished.open("x", encoding="utf-8", newline="") as file:
-            file.writelines(f"{COMMENT} {name}: {text}\n" for name, text in facts_of(table.ds).items())
+            file.writelines(f"{COMMENT} {name}: {no_formula(text)}\n" for name, text in facts_of(table.ds).items())
             for k, piece in enumerate(table.pieces()):
+                for name in piece.select_dtypes(["object", "string"]):
+                    piece[name] = piece[name].map(no_formula, na_action="ignore")
                 piece.to_csv(
                     file, index=False, header=header if k == 0 else False, quoting=quoting, lineterminator="\n"
                 )

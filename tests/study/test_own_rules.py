@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from helpers.commands import fastcoil, planned_and_run
+from helpers.processes import environment
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
@@ -190,3 +193,15 @@ def test_mistakes_are_found_before_anything_is_computed(path, tmp_path):
     path.write_text(STUDY.replace("mine:by_error", "absent:rule"))
     with pytest.raises(InputError, match="estimator = 'absent:rule': there is no "):
         read_study(path)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("backend", ["threads", pytest.param("loky", marks=pytest.mark.full)])
+def test_a_rule_in_a_file_named_like_a_module_of_python_takes_the_place_of_none(tmp_path, backend):
+    code = "if __name__ == 'csv': raise SystemExit\ndef last(traces): return traces.max('elapsed_time')\n"
+    (tmp_path / "csv.py").write_text(code)
+    (tmp_path / "s.toml").write_text(
+        '[loop]\n[boundary]\nhours = 0.6\n[run]\ntraces = ["T_sup"]\nreduce = "csv:last"\n'
+    )
+    words = [sys.executable, "-m", "fastcoil", "run", "s.toml", "--no-figures", "--backend", backend]
+    subprocess.run(words, cwd=tmp_path, env=environment(), capture_output=True, check=True, timeout=120)

@@ -74,6 +74,14 @@ def test_a_label_with_the_sign_of_a_comment_comes_back_whole(ds, tmp_path):
     assert found["rmse [K]"].isna().sum() == 1
 
 
+def test_no_text_starts_a_formula_in_a_spreadsheet(ds, tmp_path):
+    odd = ds.assign_coords(tuning=["=1+1", "@SUM(A1)"]).assign_attrs(title="fans, =HYPERLINK(1)")
+    write_csv(Tidy(odd, ("rmse",)), tmp_path / "t.csv")
+    text = (tmp_path / "t.csv").read_text()
+    assert text.startswith("# title: fans, '=HYPERLINK(1)\n")
+    assert set(pd.read_csv(tmp_path / "t.csv", comment="#").tuning) == {"'=1+1", "'@SUM(A1)"}
+
+
 def test_parquet_has_plain_names_with_units_beside_them(ds, tmp_path):
     from pyarrow import parquet
 
