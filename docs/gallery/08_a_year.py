@@ -21,7 +21,8 @@ with open("weather.csv", "w", newline="") as file:
     rows.writerow(["hour_of_year", "T_drybulb_C", "T_dewpoint_C"])
     for hour in range(1, 8761):
         season, clock = math.sin(2 * math.pi * (hour / 24 - 110) / 365), math.sin(2 * math.pi * (hour % 24 - 9) / 24)
-        rows.writerow([hour, f"{13 + 9 * season + 5 * clock:.2f}", f"{7 + 6 * season:.2f}"])
+        T = 13 + 9 * season + 5 * clock
+        rows.writerow([hour, f"{T:.2f}", f"{min(7 + 6 * season, T):.2f}"])
 
 # %%
 # One day in twenty stands for those around it, which keeps this script short; leave ``days`` out to run them

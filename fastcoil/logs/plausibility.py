@@ -17,6 +17,7 @@ from fastcoil.model import moist_air
 _AIR = ("T_sup", "T_set")
 _TEMPERATURES = (*_AIR, "T_a_in", "T_w_in")
 _COLDEST, _WARMEST = 2.0, 45.0  # medians of air at a coil, degC
+_HOTTEST_WATER = 95.0  # median, degC
 _HOT_WATER = 5.0  # by which water is warmer than air that it heats, K
 _OFF_SET = 12.0  # by which the medians of temperature and set-point differ at most, K
 _OUTSIDE = 4.0  # by which supply air lies outside entering air and water: sensors, fan, K
@@ -91,7 +92,9 @@ def _is_contradictory(T: Mapping[str, float]) -> bool:
     """Whether median temperatures [degC] contradict each other, or are none of a coil."""
     air = [T[name] for name in _AIR if name in T]
     warmest = 100.0 if air and T.get("T_w_in", -math.inf) >= max(air) + _HOT_WATER else _WARMEST
-    if any(not _COLDEST <= one <= warmest for one in air) or T.get("T_a_in", 0.0) > _WARMEST:
+    if any(not _COLDEST <= one <= warmest for one in air):
+        return True
+    if T.get("T_a_in", 0.0) > _WARMEST or T.get("T_w_in", 0.0) > _HOTTEST_WATER:
         return True
     if len(air) == 2 and abs(air[0] - air[1]) > _OFF_SET:
         return True

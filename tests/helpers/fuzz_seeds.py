@@ -97,7 +97,7 @@ FOREIGN = (
     + "\nEnd of report\n"
 )
 WEATHER = "hour_of_year,month,day,hour,T_drybulb_C,T_dewpoint_C,RH_pct,p_Pa\n" + "".join(
-    f"{k},1,{1 + k // 24},{k % 24},{k % 20},{k % 7},60,10{k % 9}000\n" for k in range(1, 60)
+    f"{k},1,{1 + k // 24},{k % 24},{7 + k % 20},{k % 7},60,10{k % 9}000\n" for k in range(1, 60)
 )
 VALUES = (
     "1e308", "-1e308", "nan", "inf", "-inf", "-1", "0", "-0.0", "1e-320", "9" * 30, "9" * 400, "9" * 5000,
