@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.measured.fitted_loop import FITTED_HUNTS_ABOVE, FittedLoop, Outcome, too_little, what_if
+from fastcoil.measured.fitted_loop import FittedLoop, Outcome, too_little, what_if
 from fastcoil.measured.measures import Measures, Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
@@ -18,6 +18,8 @@ ALIKE, LEAST_SIZE = 1.6, 0.5
 share of the logged one."""
 GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
 """Factors on the gain of the model, which no log resolves exactly, and how many of these have to agree."""
+FAR_FROM_HUNTING = 1.25
+"""Factor on the gain with which a loop may not hunt either, for its swing to be called a disturbance."""
 _KICKED, _LEAST_KICK = 600.0, 1.0
 """Seconds and K by which the set-point is off at first, so that a cycle that needs a start gets it."""
 
@@ -67,7 +69,7 @@ def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
         return Cause(
             UNKNOWN, f"it would hunt with a gap of {size:.2g} % and not without, but the gap is not identified"
         )
-    if with_gap == 0 and fitted.margin < FITTED_HUNTS_ABOVE:
+    if with_gap == 0 and not quiet.played(fitted.backlash, FAR_FROM_HUNTING).hunts:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
     return Cause(
         UNKNOWN, "a 10 % change of its gain decides whether the loop would hunt by itself; the log cannot resolve it"

@@ -97,7 +97,7 @@ def diagnose(
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
     if not isinstance(loop, str):
         indices |= {"kp": abs(loop.pi.kp), "ti": loop.pi.ti, "sample_time": loop.pi.sample_time}
-        indices |= {} if doubt else {"plant_gain": loop.plant.gain, "margin": loop.margin}
+        indices |= {} if doubt else {"plant_gain": loop.plant.gain}
     if stroke_time is None:
         notes.append(f"the motor is taken to need {seconds:g} s for its stroke: give stroke_time if it is known")
     if "T_set" not in values:

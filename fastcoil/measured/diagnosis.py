@@ -32,7 +32,6 @@ INDICES = {
     "ti": ("s", "integral time of the controller"),
     "sample_time": ("s", "time between samples of the controller"),
     "plant_gain": ("K", "change of the temperature over the stroke"),
-    "margin": ("1", "margin max |L||N| of the describing function; about 0.8 or more in loops that hunt"),
 }
 """Unit and meaning of each index."""
 
@@ -60,7 +59,7 @@ class Diagnosis(Result):
         Dataset over ``backlash``: the ``probability`` of each size.
     indices
         Dataset of single numbers with units: errors, the swing, Thornhill's regularity, travel and turns of the motor;
-        gain, integral time and sample time of the controller, gain of the plant and margin, where the loop could be
+        gain, integral time and sample time of the controller, gain of the plant, where the loop could be
         modelled.
     predictions
         Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop

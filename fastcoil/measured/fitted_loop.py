@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.design.describing_function import describing_function
 from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
 from fastcoil.measured.grid import held
 from fastcoil.measured.identify import HORIZON
@@ -221,11 +220,8 @@ LARGEST_ERROR, LARGEST_TRAVEL_ERROR = 0.2, 0.4
 """By how much control error and motor travel of the replayed log may differ from the logged ones, as logarithms."""
 GAIN_ERROR, LARGEST_SPREAD = 1.15, 1.5
 """A what-if is reported if that much more and less loop gain change no verdict, and the error by less than this."""
-FITTED_HUNTS_ABOVE = 0.8
-"""Margin that predicts hunting; less than that of a plant that is known, 0.85: the gain of this one is fitted."""
 LEAST_EXPLAINED = 0.1
 """Share of the changes of the temperature that the command has to explain in a model of the loop that is used."""
-_FREQUENCIES, _DEPTHS = 400, 400
 
 
 class FittedLoop(NamedTuple):
@@ -236,7 +232,6 @@ class FittedLoop(NamedTuple):
     day: Day
     backlash: float
     stroke_time: float
-    margin: float  # largest |L| |N| where 0-90° of phase margin are left
     doubt: str = ""  # why the loop is not to be trusted; empty if it is
 
     def played(self, backlash: float, kp: float = 1.0, ti: float = 1.0, *inverse: float) -> Outcome:
@@ -277,7 +272,7 @@ def fit_loop_model(
     if plant is None:
         return "no plant that answers the valve explains the log: the temperature hardly follows the command"
     day = _day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval))
-    fitted = FittedLoop(pi, plant, day, backlash, stroke_time, margin(pi, plant))
+    fitted = FittedLoop(pi, plant, day, backlash, stroke_time)
     return fitted._replace(doubt=too_little(fitted) or _doubt(fitted, command, temperature, T_set))
 
 
@@ -317,32 +312,6 @@ def what_if(
             "decides, the log cannot resolve it"
         )
     return found
-
-
-def margin(pi: RecoveredPI, plant: FittedPlant) -> float:
-    """Largest |L| |N| over the frequencies at which L has 0–90° of phase margin and N takes just these.
-
-    L: PI, zero-order hold, plant; N: describing function of the play operator, whose phase goes from 0 to -90° as its
-    input shrinks to the gap.  A limit cycle asks for 1.  The motor's rate limit is left out: at the amplitude of a gap
-    it takes a few seconds.
-    """
-    ts = pi.sample_time
-    w = np.geomspace(1e-4, math.pi / ts, _FREQUENCIES)
-    s = 1j * w
-    law = abs(pi.kp) * (1.0 + ts / pi.ti / (1.0 - np.exp(-s * ts)))
-    hold = (1.0 - np.exp(-s * ts)) / (s * ts)
-    slow, fast = plant.lags
-    answer = abs(plant.gain) * np.exp(-s * plant.delay * plant.step) / ((1.0 + s * slow) * (1.0 + s * fast))
-    L = law * hold * answer
-    left = 180.0 + np.degrees(np.unwrap(np.angle(L)))
-    inside = (left > 0.0) & (left < 90.0)
-    if not inside.any():
-        return 0.0
-    k = np.linspace(1e-6, 1.0 - 1e-6, _DEPTHS)  # half the gap over the amplitude of its input
-    gap = np.ones(_DEPTHS)
-    N = describing_function(0.5 / k, gap, gap)
-    size = np.interp(left[inside], -np.degrees(np.angle(N)), np.abs(N))
-    return float(np.max(np.abs(L[inside]) * size))
 
 
 def _period(temperature: Array, T_set: Array, good: Mask, interval: float) -> float:

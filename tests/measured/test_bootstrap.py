@@ -53,11 +53,6 @@ def test_the_blocks_are_the_pieces_or_cut_from_them():
     assert np.unique(blocks(np.zeros(600, dtype=int), ones, 1.0)).size == 8
 
 
-def test_the_same_data_have_the_same_interval():
-    one, two = (line(1, 10, 20, 1.0)[2].covariance for _ in range(2))
-    np.testing.assert_array_equal(one, two)
-
-
 def logs_with_batch_errors(seed, sd=0.06, n_batches=12, n=50):
     """Batches of a valve, the meter wrong by a share of its own in each."""
     rng = np.random.default_rng(seed)

@@ -78,22 +78,23 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
         (True, True, "tuning", "would hunt with a perfect valve"),
         (True, False, "backlash", "would not hunt without it"),
         (False, False, "disturbance", "would not hunt by itself"),
-        (None, False, "unknown", "a 10 % change of its gain"),
+        (1.0, False, "unknown", "a 10 % change of its gain"),
+        (1.25, False, "unknown", "a 10 % change of its gain"),
     ],
 )
 def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypatch, with_gap, without, cause, says):
-    """None: it hunts with one of the three gains only."""
+    """A number: it hunts with that factor on its gain only."""
     grid, measures = forced
     values = grid.values
     loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
     swing = measures.swing
 
     def played(self, backlash, kp=1.0, *_):
-        hunts = without if backlash == 0.0 else kp == 1.0 if with_gap is None else with_gap
+        hunts = without if backlash == 0.0 else with_gap if isinstance(with_gap, bool) else kp == with_gap
         return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
     monkeypatch.setattr(FittedLoop, "played", played)
-    said = cause_of(measures, loop._replace(margin=0.5), identified=True)
+    said = cause_of(measures, loop, identified=True)
     assert said.name == cause
     assert says in said.because
 

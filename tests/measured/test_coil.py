@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.shared_data import measured
-from helpers.simulated_logs import COIL_TRUTH, INPUTS, assert_covered, coil_log
+from helpers.simulated_logs import COIL_TRUTH, assert_covered, coil_log
 
 import fastcoil as fc
-from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted
 from fastcoil.measured.coil_problem import COIL
 
 pytestmark = pytest.mark.kernel
@@ -105,14 +103,6 @@ def test_a_slow_log_holds_the_heat_capacity_of_the_water():
     assert fit.held["C_w"] == "held at a prior: the data do not identify it"
     assert any(line.startswith("C_w = ") and "held at a prior" in line for line in fit.summary())
     assert any("1200 s apart and the inputs run straight" in note for note in fit.notes)
-
-
-def test_zeros_of_a_sensor_that_is_off_are_left_out_and_counted():
-    log = coil_log(hours=1, seed=15)
-    log["T_sup"][3000:3050] = 0.0
-    read = read_log(log, Wanted(("m_w", *INPUTS, "T_sup"), measured=("T_sup",)))
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(read.values["T_sup"])), np.arange(3000, 3050))
-    assert "50 values left out: T_sup is 0, sensor off (first in row 3000)" in read.notes
 
 
 # ------------------------------------------------------------------------------------------------------ what comes out

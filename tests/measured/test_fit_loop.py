@@ -57,14 +57,6 @@ def test_the_backlash_is_found_with_a_model_that_is_not_quite_right(log, wrong):
     assert fit.rmse["validation"] < 0.5 * fit.rmse["validation_without_backlash"]
 
 
-def test_with_another_log_to_validate_the_rest_after_fit_until_is_left_out(log):
-    until = float(log.elapsed_time[log.sizes["elapsed_time"] * 3 // 4])
-    both = fc.fit_loop(log, MODEL, validation=log, fit_until=until)
-    alone = fc.fit_loop(log, MODEL, fit_until=until)
-    assert both.parameters == alone.parameters
-    assert any("left out: the other log validates the fit" in note for note in both.notes)
-
-
 def test_a_good_valve_has_none():
     fit = fc.fit_loop(simulated(backlash=0.0), MODEL.assign(C_c=20.0))
     assert fit.identified

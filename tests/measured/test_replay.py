@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.shared_data import measured
 
 import fastcoil as fc
-from fastcoil.model.control import clipped, desired_opening, integrated
 
 SIGNALS = ["u", "integral", "command", "estimate", "mode"]
 pytestmark = pytest.mark.kernel
@@ -110,29 +108,3 @@ def test_bad_logs_are_refused(tmp_path, text, words):
     for word in words:
         assert word in str(caught.value)
     assert "--drop" not in str(caught.value)  # which a controller's record cannot
-
-
-def test_our_pi_replays_the_recorded_command_of_a_building():
-    """LBNL building 33, AHU-2: within 0.29 % of stroke, the RMSE of a Modelica model of the same controller.
-
-    P acts at every sample (5 s), the integral is summed every 15 s; enabled above 15 % of fan feedback (off below 5 %)
-    and 50 °F outside (off below 48 °F); a low limit closes the valve between 50 and 42 °F of supply air.
-    """
-    log = np.genfromtxt(measured("b33_ahu2_5s.csv"), delimiter=",", names=True)
-    kp, ti, n = 0.018, 30.0, log.size
-    integral, hot, fan, was = 0.0, False, False, False
-    command = np.empty(n)
-    for t in range(n):
-        hot = log["T_out_C"][t] > (10.0 - 2 / 1.8 if hot else 10.0)
-        fan = log["fan_feedback_pct"][t] > (5.0 if fan else 15.0)
-        enabled = hot and fan and log["fan_enable"][t] > 0
-        e = log["T_sup_C"][t] - log["T_sup_set_C"][t]
-        if enabled != was:
-            integral = 0.0
-        elif t % 3 == 0:
-            integral = integrated(integral, e, kp * 15.0 / ti)
-        was = enabled
-        low_limit = clipped((log["T_sup_C"][t] - 50 / 9) / (10.0 - 50 / 9))
-        command[t] = min(desired_opening(e, integral, kp) if enabled else 0.0, low_limit)
-    rmse = np.sqrt(np.mean((command - log["valve_command_pct"] / 100.0) ** 2))
-    assert rmse < 0.0029
