@@ -21,7 +21,7 @@ from fastcoil.base.errors import InputError, missing_extra, nearest, shown
 from fastcoil.base.files import commit_written
 from fastcoil.base.text import MINUS, NONE, no_formula, written
 from fastcoil.deliver.figures.drawing import BAND, FEWEST_FOR_A_BAND
-from fastcoil.loops.labels import quantity, quantity_of
+from fastcoil.loops.labels import quantity, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
 from fastcoil.model.parameter_table import CHANCE_DIMS, RESERVED_DIMS
 
@@ -218,7 +218,7 @@ def latex_of(ds: xr.Dataset, metrics: Sequence[str] = ()) -> str:
     pooled = [str(d) for d in ds["status"].dims if d not in shown]
     columns = [_cells(ds, name, shown, pooled) for name in chosen]
     labels = [_labels(ds, d) for d in shown]
-    head = [*(quantity_of(ds, d).axis for d in shown), *(quantity(name).axis for name in chosen)]
+    head = [*(quantity_of(ds, d).axis for d in shown), *(quantity_of_values(ds[name]).axis for name in chosen)]
     lines = [f"% {name}: {text}" for name, text in facts_of(ds).items()]
     lines += [f"% {_note(ds, pooled, chosen)}", r"% In the preamble: \usepackage{booktabs}"]
     lines += [rf"\begin{{tabular}}{{{'l' * len(shown)}{'r' * len(chosen)}}}", r"\toprule"]
@@ -261,7 +261,7 @@ def _check_size(ds: xr.Dataset, shown: Sequence[str], metrics: Sequence[str]) ->
 def _cells(ds: xr.Dataset, name: str, shown: Sequence[str], pooled: Sequence[str]) -> list[str]:
     """The cells of a metric: median, and scatter where there is more than one value."""
     is_ok = ds["status"] == STATUS_OK
-    values = (quantity(name).factor * ds[name]).where(is_ok)
+    values = (quantity_of_values(ds[name]).factor * ds[name]).where(is_ok)
     censored = name in METRICS and METRICS[name].censored
     if censored:  # a time that never came
         values = values.where(values.notnull() | ~is_ok, np.inf)

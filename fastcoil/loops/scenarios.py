@@ -396,6 +396,7 @@ def check_result(ds: xr.Dataset) -> None:
     odd = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
     if odd:
         raise InputError(f"ds has no numbers as {', '.join(odd)}: {_CURE}")
-    units = {n: ds[n].attrs.get("units", m.unit) for n, m in METRICS.items() if n in ds}
-    if other := [n for n, unit in units.items() if unit != METRICS[n].unit]:
-        raise InputError([f"ds.{n} is in {shown(units[n])}: give it in {METRICS[n].unit}" for n in other])
+    units = {name: entry.unit for table in (PARAMETERS, METRICS) for name, entry in table.items() if name in ds}
+    other = [name for name, unit in units.items() if ds[name].attrs.get("units", unit) != unit]
+    if other:
+        raise InputError([f"ds.{n} is in {shown(ds[n].attrs['units'])}: give it in {units[n]}" for n in other])

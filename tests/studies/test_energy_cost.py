@@ -27,7 +27,7 @@ def drawn(seed):
     ds = xr.Dataset({name: (dims, draw.uniform(5.0, 9.0, shape) * dearer) for name in cost.KEPT})
     hunts = (np.arange(VALVES) % 2)[:, None, None] * np.array([0.0, 1.0]) * np.ones((DAYS, 1, 3, 1))
     return ds.assign(hunts=(dims, hunts), status=(dims, np.zeros(shape, dtype=np.int8))).assign_coords(
-        controller=NAMES, backlash=list(GAPS), day=range(DAYS)
+        controller=NAMES, backlash=list(GAPS), day=range(DAYS), action="cooling"
     )
 
 

@@ -125,12 +125,26 @@ def check_dim(argument: str, dim: str, dims: Sequence[str]) -> None:
 
 _SIZES = {"backlash", "backlash_estimate"}
 _LETTERS = 9  # points
-_CURVES = 3
 
 
-def picked(n: int) -> list[int]:
-    """Positions of the first, the middle and the last of ``n`` values: a figure shows three curves."""
-    return [int(k) for k in np.unique(np.linspace(0, n - 1, _CURVES).round())]
+def picked(ds: xr.Dataset | xr.DataArray, dim: str, most: int = 3) -> list[int]:
+    """Positions of the labels that get a curve or a row: all of ``most``, of more the first, one between, the last.
+
+    That between is the middle one, or the estimate that is exact.
+    """
+    n = ds.sizes[dim]
+    if n <= most:
+        return list(range(n))
+    between = round((n - 1) / 2)
+    if dim == "estimate_ratio" and (ds[dim] == 1.0).any():
+        between = int((ds[dim].values == 1.0).argmax())
+    return sorted({0, between, n - 1})
+
+
+def left_out_in_words(ds: xr.Dataset | xr.DataArray, dim: str, n_shown: int) -> str:
+    """How many labels have no curve or row, as a clause of a heading; empty if all have."""
+    n = ds.sizes[dim]
+    return "" if n_shown == n else f"; shown are {n_shown} of {n} values of {quantity_of(ds, dim).text}"
 
 
 def pooled_dims(values: xr.DataArray, *shown: str | None) -> list[str]:

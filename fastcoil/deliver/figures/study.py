@@ -62,7 +62,7 @@ class _Sheet:
 
         if by in of:
             raise InputError(f"{by} is named twice: choose two different axes")
-        self.ds, self.rows = ds, rows_of(ds, by)
+        self.ds, self.by, self.rows = ds, by, rows_of(ds, by)
         self.pooled = drawing.pooled_dims(ds["status"], *of, by)
         n, abreast = len(metrics), panels_abreast(width)
         rows, columns = (len(self.rows), n) if by or one_row else (-(-n // min(n, abreast)), min(n, abreast))
@@ -87,7 +87,8 @@ class _Sheet:
 
     def head(self, *marks: str, more: str = "") -> Figure:
         """Write the title of the study, what is pooled and drawn, and how much of it failed."""
-        words = drawing.describe(self.ds, self.pooled, *marks) + more + drawing.failed_in_words(self.ds)
+        left = "" if self.by is None else drawing.left_out_in_words(self.ds, self.by, len(self.rows))
+        words = drawing.describe(self.ds, self.pooled, *marks) + left + more + drawing.failed_in_words(self.ds)
         lines = [str(self.ds.attrs["title"])] if self.ds.attrs.get("title") else []
         self.figure.suptitle(wrapped("\n".join([*lines, words]), self.figure.get_figwidth(), 9))
         return self.figure
@@ -105,7 +106,7 @@ def maps(
 ) -> Figure:  # fmt: skip
     """Metrics over two swept parameters, one panel each: the median over all other dimensions.
 
-    ``by``: a further dimension, with a row of panels for each name, or for its first, middle and last value.
+    ``by``: a further dimension, with a row of panels for each of the labels that ``rows_of`` chooses.
     ``width``: of the figure, inches.
     """
     _check(ds, metrics, x=x, y=y)
@@ -223,16 +224,14 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
 def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     """Position and words of the labels that get a row of panels each.
 
-    Those are up to six names; of more names, and of numbers, the first, the middle and the last.
+    Those are all of up to six; of more the first, the middle and the last, of estimates that of 100 % between.
     """
     if by is None:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
     drawing.check_dim("by", by, dims)
-    n, values = ds.sizes[by], ds[by].values
-    is_named = values.dtype.kind not in "if"
-    chosen = range(n) if is_named and n <= _MOST_ROWS else drawing.picked(n)
-    is_plain, pi = (values == 0.0) & (by in ESTIMATES), plain_pi(ds)
+    chosen = drawing.picked(ds, by, _MOST_ROWS)
+    is_plain, pi = (ds[by].values == 0.0) & (by in ESTIMATES), plain_pi(ds)
     return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]
 
 

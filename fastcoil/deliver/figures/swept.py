@@ -100,10 +100,11 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     (axes,) = drawing.places(ax, [_HEIGHT])
     width, of, of_x = drawing.width_of(axes, ax), quantity_of_values(values), quantity_of(values, x)
     along, scaled = of_x.factor * values[x], of.factor * values
+    chosen = [] if by is None else drawing.picked(values, by)
     if by is None:
         drawing.curve(axes, along, scaled, color=BLUE)
     else:
-        for k, index in enumerate(drawing.picked(values.sizes[by])):
+        for k, index in enumerate(chosen):
             words = label_in_words(values, by, index)
             drawing.curve(axes, along, scaled.isel({by: index}), label=words, color=COLOURS[k], ls=LINE_STYLES[k])
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
@@ -113,7 +114,8 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     drawing.from_zero([axes], "y")
     axes.margins(x=0.0)
     words = drawing.describe(values, drawing.pooled_dims(values, x, by), "Line", "band", "thin lines")
-    _caption(axes, words, drawing.exact_in_words(x) + failed, width)
+    left = "" if by is None else drawing.left_out_in_words(values, by, len(chosen))
+    _caption(axes, words, left + drawing.exact_in_words(x) + failed, width)
     return axes
 
 

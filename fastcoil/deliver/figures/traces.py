@@ -205,6 +205,13 @@ def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Any, Arra
                 f"boundary ends after {boundary.n_steps:,} s and the traces go to {seconds[-1]:,} s: give the boundary "
                 "that was simulated"
             )
+        if "start" in one.ds.coords and boundary.start is not None:
+            starts = np.asarray(boundary.start, dtype="datetime64[s]")
+            if one.ds["start"].values.astype("datetime64[s]") not in starts:
+                raise InputError(
+                    f"boundary starts on {starts[0]} and the traces on {one.ds['start'].values}: give the boundary "
+                    "that was simulated"
+                )
         day = boundary.sel(int(one.ds["day"])) if boundary.has_day_dim and "day" in one.ds.coords else boundary
         if day.n_days > 1:
             raise InputError(f"boundary has {day.n_days} days and the traces do not say of which they are: select one")
@@ -417,7 +424,9 @@ def _swings(ds: xr.Dataset, predicted: xr.Dataset, ax: Any) -> Axes:
     seen, swing, hunts, does = xr.broadcast(
         ds["hunting_swing"], 2.0 * predicted["amplitude"], predicted["hunts"], ds["hunts"]
     )
-    if seen.sizes != ds["hunting_swing"].sizes:
+    dims = [d for d in predicted["hunts"].dims if d in ds.indexes and d in predicted.indexes]
+    alike = all(set(ds.indexes[d]) == set(predicted.indexes[d]) for d in dims)
+    if not alike or seen.sizes != ds["hunting_swing"].sizes:
         raise InputError("predicted has other dims or labels than data: give that of the same sweep")
     known = np.isfinite(seen.values) & np.isfinite(hunts.values)
     y, x = seen.values[known], np.nan_to_num(swing.values[known])

@@ -32,8 +32,8 @@ from fastcoil.deliver.report.page import (
     picture,
     span,
 )
-from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of
-from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
+from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of, quantity_of_values
+from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.paired import Middle, change_of, middle_of, without_off_days
 from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
 from fastcoil.study.folder.folder import StudyFolder
@@ -54,7 +54,7 @@ _MOST_NAMES, _MOST_FAILED = 40, 10
 def comparisons(ds: xr.Dataset) -> list[Table | Words]:
     """A table for every dimension with labels, and before that of the gap or of names what it says in a sentence."""
     ratio, pi = estimate_dim(ds), plain_pi(ds)
-    ds = without_off_days(ds[[name for name in (*_SHOWN, "status") if name in ds]])
+    ds = without_off_days(ds[[name for name in (*_SHOWN, *own_metrics(ds), "status") if name in ds]])
     ds = ds.where(ds["status"] == STATUS_OK).drop_vars("status")
     dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
     plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), f" with the {pi}")
@@ -137,13 +137,25 @@ def _along(ds: xr.Dataset, dim: str, only: str) -> Table:
     return Table(f"Along {quantity_of(ds, dim).text}", head, rows, note)
 
 
+def own_metrics(ds: xr.Dataset) -> list[str]:
+    """The numbers that a study's own ``reduce`` gave for every scenario."""
+    known, dims = {"status", *METRICS, *PREDICTIONS}, set(ds["status"].dims)
+    own = {str(n): v for n, v in ds.data_vars.items() if n not in known}
+    return [name for name, values in own.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
+
+
 def _others_head(ds: xr.Dataset) -> list[str]:
-    return [words for name, words in _HEADS.items() if name in ds]
+    return [_HEADS.get(str(name)) or quantity_of_values(ds[name]).axis for name in ds.data_vars if name != "rmse"]
 
 
 def _others(one: xr.Dataset) -> list[str]:
-    shown = [name for name in _HEADS if name in one]
-    return [percent(float(one[n].mean())) if n == "hunts" else number(float(one[n].median())) for n in shown]
+    cells = []
+    for name in one.data_vars:
+        if name == "hunts":
+            cells.append(percent(float(one[name].mean())))
+        elif name != "rmse":
+            cells.append(number(quantity_of_values(one[name]).factor * float(one[name].median())))
+    return cells
 
 
 def _label(ds: xr.Dataset, dim: str, k: int) -> str:
@@ -174,6 +186,9 @@ def metrics(ds: xr.Dataset) -> Table:
             value, of = float(ds[name].max()), quantity(name)
             text = f"{value:.0f}" if name in ("reversals", "half_periods") else f"{number(value * of.factor)} {of.unit}"
             rows.append([output.long_name, text.rstrip(), name])
+    for name in own_metrics(ds):
+        of = quantity_of_values(ds[name])
+        rows.append([of.text, f"{number(float(ds[name].max()))} {of.unit}".rstrip(), name])
     return Table("Every metric", ["metric", "value", "name in results.nc"], rows)
 
 

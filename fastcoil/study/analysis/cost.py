@@ -195,12 +195,23 @@ def _require_billable(ds: xr.Dataset) -> None:
     problems += [f"ds has nothing along {dim}: choose a label at least" for dim, size in ds.sizes.items() if not size]
     taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
     problems += [f"ds has a dimension or coordinate {name}, which the costs have, too: rename it" for name in taken]
+    if "action" not in ds.coords and _constant_action(ds) is None:
+        problems.append(
+            "ds does not say whether its coils cool or heat, since its attributes are gone: keep them, or give "
+            "ds.assign_coords(action='cooling')"
+        )
     start = ds.coords.get("start")
     # numbers would be taken for months since 1970
     if start is not None and (start.dtype.kind != "M" or not set(start.dims) <= {"day"} or bool(start.isnull().any())):
         problems.append("start has something else than a date for each day: drop it with ds.drop_vars('start')")
     if problems:
         raise InputError(problems)
+
+
+def _constant_action(ds: xr.Dataset) -> str | None:
+    """The action of all loops of a result, by its attributes; None where they do not say it."""
+    action: str | None = json.loads(ds.attrs.get("parameters", "{}")).get("action")
+    return action
 
 
 def _asked_in_study(ds: xr.Dataset) -> dict[str, Any]:
@@ -223,8 +234,7 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     of_months, months = billing_months(days.sizes["day"], start)
     shares = months["month_share"][1]
     years = math.fsum(shares) / 12.0  # of twelve months
-    constant = json.loads(ds.attrs.get("parameters", "{}")).get("action") or "cooling"
-    action = ds.coords.get("action", xr.DataArray(constant))
+    action = ds.coords["action"] if "action" in ds.coords else xr.DataArray(_constant_action(ds))
     heating = xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
     parts = [_month(days.isel(day=at), share, tariff, heating) for at, share in zip(of_months, shares, strict=True)]
     monthly = xr.concat(parts, "month")

@@ -27,7 +27,9 @@ def sobol_indices(
     ----------
     ds
         The result of a study with ``[sample] method = "saltelli"``, with dims ``sample`` and ``design``.  ``design``
-        must have ``A``, ``B`` and the parameters whose indices you want.
+        must have ``A``, ``B`` and the parameters whose indices you want, in any order.  Its labels ``A`` and ``B`` are
+        two independent samples; label ``kp`` is ``A`` with the column of ``kp`` taken from ``B`` (A_B of Saltelli et
+        al.), all other parameters as in ``A``.
     metrics
         Name or names of variables; ``rmse`` by default.
     drop_failed
@@ -40,7 +42,7 @@ def sobol_indices(
     xarray.Dataset
         Each metric over (other dims, ``parameter``, ``index``: first_order or total, ``edge``: value, low, high), and
         ``METRIC_n_samples``, the number of base samples used.  Estimators of Saltelli et al. (2010) and Jansen (1999),
-        doi:10.1016/j.cpc.2009.09.018; NaN where the metric does not vary.
+        doi:10.1016/j.cpc.2009.09.018; NaN where the metric does not vary, or fewer than two samples are left.
 
     Raises
     ------

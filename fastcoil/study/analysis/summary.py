@@ -82,7 +82,8 @@ def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
 _MOST_OF = 0.9
 """Share of the largest gain that the recommended estimate has to bring: the last tenth may cost a lot of travel."""
 _MUCH_TRAVEL = 5.0  # times that of the plain PI
-_ALIKE = 0.01  # RMS errors that differ by less than this share are alike: then the simpler remedy is recommended
+_LEAST_GAIN = 0.01  # a smaller change of the RMS error is none
+_ALIKE = 0.05  # changes that differ by less are alike: then the simpler remedy is recommended
 
 
 def estimate_dim(ds: xr.Dataset) -> str | None:
@@ -157,7 +158,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     errors = {name: change_of(one["rmse"], plain["rmse"]) for name, (_, one) in options.items()}
     medians = {name: float(error.median()) for name, error in errors.items()}
     lowest = min(medians.values(), default=0.0)
-    if not lowest < -_ALIKE:
+    if not lowest < -_LEAST_GAIN:
         return {"Do this": f"leave the {pi} as it is: nothing that was tried lowers its RMS error by 1 %.", **_note(pi)}
     chosen = next(name for name, median in medians.items() if median <= lowest + _ALIKE)
     (words, taken), error = options[chosen], errors[chosen]
@@ -170,7 +171,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     switches = [float(one["switch_frequency"].median()) for one in (taken, plain)]
     costs = f"the motor travels {travel:.3g} times as far (median), and the direction of the command changes "
     costs += f"{switches[0]:.1f} times in 10 min instead of {switches[1]:.1f}"
-    costs += "; a buffer lowers that." if travel > _MUCH_TRAVEL else "."
+    costs += "; a larger buffer lowers that." if travel > _MUCH_TRAVEL else "."
     fails = _fails(seen, ratio, best, error)
     return {"Do this": f"{words}.", "It brings": f"{brings}.", "It costs": costs, "It fails": fails, **_note(pi)}
 

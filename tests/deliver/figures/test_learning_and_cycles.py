@@ -109,6 +109,11 @@ def test_a_sweep_without_traces_has_a_mark_for_every_loop_by_what_became_of_it(d
     np.testing.assert_allclose(np.sort(drawn, axis=1), np.sort(expected, axis=1))
     assert_texts_fit(axes.figure)
     assert_palette(axes.figure)
+    reordered = fc.plot.limit_cycle(ds, predicted.isel({d: slice(None, None, -1) for d in predicted.margin.dims}))
+    assert {text.get_text() for text in reordered.get_legend().get_texts()} == found
+    dim = predicted.margin.dims[0]
+    with pytest.raises(fc.InputError, match="predicted has other dims or labels than data"):
+        fc.plot.limit_cycle(ds, predicted.isel({dim: slice(1, None)}))
     study = ds.assign({f"predicted_{name}": predicted[name] for name in ("margin", "hunts", "period")})
     study["predicted_swing"] = 2 * predicted.amplitude
     again = fc.plot.limit_cycle(study)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.rules import by_error
 from matplotlib.colors import to_hex
@@ -71,6 +72,20 @@ def test_bands_have_the_median_and_the_tenth_to_ninetieth_percentile_of_each_cur
         assert to_hex(line.get_color()) == to_hex(colour)
     assert len({line.get_linestyle() for line in axes.lines[:3]}) == 3
     assert axes.get_ylabel() == "RMS error [K]"
+
+
+def test_of_many_estimates_the_exact_one_has_a_curve_and_the_heading_says_what_is_left_out(ds):
+    many = xr.concat([ds.isel(estimate_ratio=k, drop=True) for k in (0, 1, 1, 1, 2, 2, 3)], "estimate_ratio")
+    many = many.assign_coords(estimate_ratio=[0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5])
+    axes = fc.plot.bands(many, x="backlash", by="estimate_ratio")
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names == [f"estimate / backlash = {n} %" for n in (0, 100, 150)]
+    assert "; shown are 3 of 7 values of estimate / backlash" in axes.get_title(loc="left").replace("\n", " ")
+    figure = plots.bands(many, "backlash", by="estimate_ratio", metrics=["rmse"])
+    assert "shown are 3 of 7 values of estimate" in figure.get_suptitle().replace("\n", " ")
+    assert figure.axes[1].get_title(loc="left") == "estimate / backlash = 100 %"
+    five = plots.bands(many.isel(estimate_ratio=slice(5)), "backlash", by="estimate_ratio", metrics=["rmse"])
+    assert len(five.axes) == 5
 
 
 def test_one_swept_number_needs_no_name_and_names_make_curves_too(ds):

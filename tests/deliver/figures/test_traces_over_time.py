@@ -59,6 +59,8 @@ def test_a_day_with_a_date_has_it_along_the_axis(day):
     assert axes.xaxis.get_major_formatter().get_offset() == "2026-Jul-01"
     shown = [tick.get_text() for tick in axes.get_xticklabels()]
     assert shown[0] == "08:00"
+    with pytest.raises(fc.InputError, match="boundary starts on 2026-07-02T.* and the traces on 2026-07-01T"):
+        fc.plot.traces(ds.T_sup, day.assign(start="2026-07-02T08:00", time_zone="Europe/Berlin"))
     assert_texts_fit(axes.figure)
 
 

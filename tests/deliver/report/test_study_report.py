@@ -151,6 +151,14 @@ def test_changes_are_those_within_pairs():
     assert "over 9 days" in said
 
 
+def test_a_metric_of_its_own_has_a_column_with_its_unit():
+    rmse = xr.DataArray([[0.3, 0.4], [0.2, 0.1]], dims=("kp", "day"), coords={"kp": [0.01, 0.02]})
+    peak = (40 + rmse).assign_attrs(units="degC", long_name="highest supply temperature")
+    (table,) = comparisons(xr.Dataset({"rmse": rmse, "peak": peak, "status": xr.zeros_like(rmse, dtype=np.int8)}))
+    assert table.head[-1] == "highest supply temperature [°C]"
+    assert [row[-1] for row in table.rows] == ["40.3", "40.2"]
+
+
 def test_a_single_scenario_has_a_page_with_every_metric(out):
     run("[boundary]\nhours = 0.25\n[run]\nwarm_up = 100\n[loop]\n", out)
     page = Page(fc.report(out))

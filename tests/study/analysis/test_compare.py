@@ -157,6 +157,24 @@ def test_a_mistake_gets_a_sentence(options, sentence):
     assert len(caught.value.problems) == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "unit", "sentence"),
+    [
+        ("rmse", "mK", "ds.rmse is in 'mK': give it in K"),
+        ("kp", "percent", "ds.kp is in 'percent': give it in K-1"),
+    ],
+)
+def test_numbers_in_other_units_are_refused_and_labels_in_another_order_are_the_same(name, unit, sentence):
+    ds = result(("kp", "day"), rmse=np.random.default_rng(3).random((2, 3)))
+    found = fc.compare(ds.isel(kp=[1, 0], day=[2, 0, 1]), baseline={"kp": 0}, over="day")
+    xr.testing.assert_allclose(found.rmse.sel(kp=[0, 1]), fc.compare(ds, baseline={"kp": 0}, over="day").rmse)
+    ds[name].attrs["units"] = unit
+    for refused in (lambda: fc.compare(ds, baseline={"kp": 0}, over="day"), lambda: fc.sobol_indices(ds)):
+        with pytest.raises(fc.InputError) as caught:
+            refused()
+        assert caught.value.problems == [sentence]
+
+
 def test_relative_differences_are_those_of_shares_of_the_partner():
     rng = np.random.default_rng(8)
     values = rng.uniform(0.5, 2.0, (3, 6))
