@@ -1,10 +1,14 @@
-"""What to do about a loop: the cures, chosen with theory and tried by simulation, and the one that is recommended."""
+"""What to do about a loop, with numbers: the cures, tried by simulation, and the one source of every advice.
+
+``cures_of`` proposes, ``try_cures`` simulates, ``advise`` chooses and says it; a diagnosis and a tuning give it options
+of their own.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,17 +20,19 @@ from fastcoil.design.prediction import Prediction, cycles_at, shortest_ti, simc_
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.metric_table import OFF, SETTLING_TIME, STATUS_OK
+from fastcoil.model.metric_table import HUNTING_SWING, OFF, SETTLING_TIME, STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS, Scalar
 
 UNSURE = (0.7, 1.0)
 """Margins between which theory does not decide."""
 SAFE = 0.7
 """Margin that a cure has to reach."""
-AS_IS, LOWER_KP, LONGER_TI, SIMC, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
-    "as_it_is", "lower_kp", "longer_ti", "simc", "dead_band", "inverse", "simc_and_inverse", "repaired_valve",
+AS_IS, LOWER_KP, LONGER_TI, SIMC, SIMULATED, PI, ACTION, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
+    "as_it_is", "lower_kp", "longer_ti", "simc", "simulated_gains", "pi", "action", "dead_band", "inverse",
+    "simc_and_inverse", "repaired_valve",
 )  # fmt: skip
-TUNINGS = (LOWER_KP, LONGER_TI, SIMC)
+GAINS = (LOWER_KP, LONGER_TI, SIMC, SIMULATED)
+"""Cures that change kp and ti alone."""
 INVERSE_SHARE, BUFFER_RATIO, BUFFER_SWING = 0.95, 6.0, 0.1
 """Of an inverse with a buffer that goes with the noise; K of the last: what docs/findings/remedies.md recommends."""
 LEAST_GAIN = 0.2
@@ -34,6 +40,10 @@ LEAST_GAIN = 0.2
 DEAD_BAND_WIDTHS = (0.1, 0.5)
 """Least and most, K; as wide as the swing is high in between."""
 _QUIET_DEAD_BAND = 0.25  # K, where nothing hunts
+_FACTORS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)
+"""Of the kp that is tried where no gains of theory stop the hunting."""
+_TIMES = (1.0, 2.0, 4.0, 8.0)
+"""Of the ti that is tried with each."""
 
 
 class Cure(NamedTuple):
@@ -44,41 +54,54 @@ class Cure(NamedTuple):
     changes: Mapping[str, Scalar]
 
 
-def cures_of(loop: Loop, prediction: Prediction | None) -> list[Cure]:
-    """What to try on one loop, as it is first; no gains where theory cannot tell, and prediction is None."""
+def _gains(name: str, kp: float, ti: float, words: str = "") -> Cure:
+    return Cure(name, f"{words}kp {kp:g} 1/K, ti {ti:g} s", {"kp": kp, "ti": ti})
+
+
+def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cure]:
+    """What to try on one loop, as it is first.
+
+    prediction: of the loop, or where theory does not hold of the nearest one for which it does: its gains are tried all
+    the same.
+    """
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     found = [Cure(AS_IS, "as it is", {})]
-
-    def add_gains(name: str, kp: float, ti: float, words: str = "") -> dict[str, Scalar]:
-        found.append(Cure(name, f"{words}kp {kp:g} 1/K, ti {ti:g} s", {"kp": kp, "ti": ti}))
-        return {"kp": kp, "ti": ti}
-
-    if prediction is not None and prediction.margin > SAFE:
-        add_gains(LOWER_KP, _rounded(kp * SAFE / prediction.margin, down=True), ti)
+    if prediction.margin > SAFE:
+        found.append(_gains(LOWER_KP, _rounded(kp * SAFE / prediction.margin, down=True), ti))
         longer = shortest_ti(prediction, SAFE)
         if math.isfinite(longer):
-            add_gains(LONGER_TI, kp, _rounded(longer, down=False))
-    simc = simc_gains(prediction) if prediction is not None else None
-    gains = add_gains(SIMC, _rounded(simc[0]), _rounded(simc[1]), "SIMC: ") if simc is not None else {}
+            found.append(_gains(LONGER_TI, kp, _rounded(longer, down=False)))
+    simc = simc_gains(prediction)
+    if simc is not None:
+        found.append(_gains(SIMC, _rounded(simc[0]), _rounded(simc[1]), "SIMC: "))
+    gains = found[-1].changes if simc is not None else {}
+    if gains and loop["law"] != "pi":
+        words = found[-1].words.replace("SIMC: ", "the PI in place of this law, ")
+        found.append(Cure(PI, words, {"law": "pi", **gains}))
+    if prediction.loop["action"] != loop["action"]:
+        action = str(prediction.loop["action"])
+        found = [*found[:1], Cure(ACTION, f"action = {action}", {"action": action})]
     band = _QUIET_DEAD_BAND
-    if prediction is not None and prediction.hunting.size:  # as wide as the swing is high, to 0.05 K
+    if has_theory and prediction.hunting.size:  # as wide as the swing is high, to 0.05 K
         height = float(np.nanmax(prediction.cycles.amplitude[prediction.reached]))
         band = float(np.clip(math.ceil(round(height / 0.05, 6)) * 0.05, *DEAD_BAND_WIDTHS).round(2))
     if float(loop["error_dead_band"]) < band:  # type: ignore[arg-type]
         found.append(Cure(DEAD_BAND, f"error dead band of {band:g} K", {"error_dead_band": band}))
     if backlash > 0.0:
-        if prediction is not None:
+        if has_theory:
+            gain = max(abs(float(prediction.plants.gain[prediction.worst])), LEAST_GAIN)
             inverse: dict[str, Scalar] = {
                 "backlash_estimate": INVERSE_SHARE * backlash,
                 "compensation": "inverse",
                 "buffer_ratio": BUFFER_RATIO,
                 "buffer_noise": "measured",
                 "buffer_swing": BUFFER_SWING,
-                "plant_gain": max(abs(float(prediction.plants.gain[prediction.worst])), LEAST_GAIN),
+                "plant_gain": gain,
             }
-            found.append(Cure(INVERSE, f"inverse of {100 * INVERSE_SHARE:g} %, buffer by noise", inverse))
+            sizes = f"{per_cent(INVERSE_SHARE * backlash)}, buffer by noise up to {per_cent(BUFFER_SWING / gain)}"
+            found.append(Cure(INVERSE, f"inverse of {sizes}", inverse))
             if gains:
-                found.append(Cure(BOTH, "SIMC and this inverse", gains | inverse))
+                found.append(Cure(BOTH, f"SIMC and inverse of {sizes}", {**gains, **inverse}))
         # no gap, and whatever assumed one is off; a stem cannot stick without a gap in this model
         without = {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
         found.append(Cure(REPAIRED, "valve repaired: no backlash", without))
@@ -93,7 +116,7 @@ def _rounded(value: float, *, down: bool | None = None) -> float:
     return float(f"{whole * scale:.6g}")
 
 
-def with_cures(loop: Loop, cures: list[Cure]) -> Loop:
+def with_cures(loop: Loop, cures: Sequence[Cure]) -> Loop:
     """The loop as a sweep along ``cure``."""
     changed = {}
     for name in dict.fromkeys(name for cure in cures for name in cure.changes):
@@ -103,35 +126,50 @@ def with_cures(loop: Loop, cures: list[Cure]) -> Loop:
     return loop.assign(**changed)
 
 
+class Trial(NamedTuple):
+    """A day on which cures are tried, and what theory knows of the loop, if it does."""
+
+    loop: Loop
+    boundary: Boundary
+    points: PointsOfDay
+    prediction: Prediction | None
+    warm_up: int
+    seed: int
+
+
 _POINTS = 43200  # most samples of a trace: one every 2 s of a day
 PLAIN = 1.5
 """So many times as large a swing shows that a loop hunts here and not there."""
 AS_PREDICTED = 0.7
 """Simulated over predicted swing from which the one counts as the other."""
-WORSE, BETTER = 1.05, 0.95
-"""RMSE relative to now from which a cure counts as worse, and up to which as better."""
 
 
-def try_cures(
-    loop: Loop, boundary: Boundary, cures: list[Cure], prediction: Prediction | None, warm_up: int, seed: int
-) -> xr.Dataset:
-    """Simulate and predict every cure on one day: metrics, the trace T_sup and the margin, over ``cure``."""
-    every = max(2, -(-boundary.n_steps // _POINTS))
-    swept = with_cures(loop, cures)
+def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
+    """Simulate and predict every cure: metrics, the trace T_sup, the margin, and whether it hunts, over ``cure``.
+
+    ``hunting`` is 1 where the day hunts after the metric ``hunts``, or for a part of it (see ``_hunts_in_part``).
+    ``swings`` is K at each operating point.
+    """
+    swept, boundary = with_cures(trial.loop, cures), trial.boundary
     ds = simulate(
-        swept, boundary, traces=["T_sup"], trace_interval=every, warm_up=warm_up, seed=seed, n_jobs=1,
-        progress=False,
+        swept, boundary, traces=["T_sup"], trace_interval=max(2, -(-boundary.n_steps // _POINTS)),
+        warm_up=trial.warm_up, seed=trial.seed, n_jobs=1, progress=False,
     )  # fmt: skip
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
     ds = ds if "cure" in ds.dims else ds.expand_dims("cure")
-    worst, n_hunting = np.full(len(cures), math.nan), np.zeros(len(cures))
-    if prediction is not None:
-        cycles = cycles_at(swept, prediction.plants, prediction.reached)
-        worst, n_hunting = cycles.margin.max(axis=1), np.count_nonzero(cycles.hunts > 0.0, axis=1)
+    swings = np.stack([swings_at(trial.points, boundary, ds.isel(cure=k)) for k in range(len(cures))])
+    margin, hunting = np.full(len(cures), math.nan), ds["hunts"].values > 0.0
+    if trial.prediction is not None:
+        reached = trial.prediction.reached
+        cycles = cycles_at(swept, trial.prediction.plants, reached)
+        margin = cycles.margin.max(axis=1)
+        parts = zip(swings[:, reached], cycles.hunts > 0.0, cycles.amplitude, strict=True)
+        hunting |= [_hunts_in_part(*part) for part in parts]
     return ds.assign_coords(cure=[cure.name for cure in cures]).assign(
         words=("cure", [cure.words for cure in cures]),
-        margin=("cure", worst, {"long_name": "largest describing-function margin, predicted"}),
-        n_hunting=("cure", n_hunting, {"long_name": "operating points predicted to hunt"}),
+        margin=("cure", margin, {"long_name": "largest describing-function margin, predicted"}),
+        hunting=("cure", hunting.astype(float), {"long_name": "whether it hunts, at least for a part of the day"}),
+        swings=(("cure", "point"), swings, {"long_name": "simulated, peak to peak", "units": "K"}),
     )
 
 
@@ -140,68 +178,166 @@ def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array
     T_set = boundary.series["T_set"][0]
     seconds = np.arange(T_set.size)
     changed = np.maximum.accumulate(np.where(np.diff(T_set, prepend=T_set[0]) != 0.0, seconds, -SETTLING_TIME))
-    of_second = np.where(seconds - changed >= SETTLING_TIME, points.of_second, -1)[
-        now["elapsed_time"].values.astype(int)
-    ]
-    T_sup = now["T_sup"].values
+    settled = np.where(seconds - changed >= SETTLING_TIME, points.of_second, -1)
+    of_second, T_sup = settled[now["elapsed_time"].values.astype(int)], now["T_sup"].values
     seen = [T_sup[of_second == k] for k in range(points.size)]
     return np.array([np.ptp(T) if T.size else np.nan for T in seen])
 
 
-def hunts_uncounted(prediction: Prediction, swings: Array, now: xr.Dataset) -> bool:
+def _hunts_in_part(swings: Array, predicted: Mask, amplitudes: Array) -> bool:
     """Whether a loop hunts although the metric does not count it, since it does at times only, or not regularly enough.
 
     At the operating points at which it is predicted to hunt, the simulated swings are, in the median, ``PLAIN`` times
     those elsewhere; or they are of the size predicted, ``AS_PREDICTED``, and above ``OFF``.
     """
-    if now["hunts"] > 0 or not prediction.hunting.size:
-        return False
-    elsewhere = np.setdiff1d(prediction.reached, prediction.hunting)
-    there, rest = (_median(swings[some]) for some in (prediction.hunting, elsewhere))
-    expected = 2.0 * _median(prediction.cycles.amplitude[prediction.hunting])
-    return there > PLAIN * rest or there > max(AS_PREDICTED * expected, OFF)
+    there, rest = _median(swings[predicted]), _median(swings[~predicted])
+    expected = 2.0 * _median(amplitudes[predicted])
+    return there > max(PLAIN * rest, HUNTING_SWING) or there > max(AS_PREDICTED * expected, OFF)
 
 
 def _median(values: Array) -> float:
     known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else np.nan
+    return float(np.median(known)) if known.size else math.nan
 
 
-def hunting(ds: xr.Dataset) -> Mask:
-    """Which cures leave the loop hunting, as it is first: those whose simulated day hunts.
+def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
+    """The cures with gains that only the simulation finds, second, where it finds some.
 
-    Where that is not counted for the loop as it is, those that are predicted to hunt somewhere, too.
+    kp and ti around those of SIMC, or of the loop: the pair with the least error of those that do not hunt, and that do
+    not hunt with the next larger kp either.
     """
-    shown, expected = ds["hunts"].values > 0, ds["n_hunting"].values > 0
-    return np.asarray(shown | expected if ds["uncounted"] else shown)
+    own = {name: trial.loop[name] for name in ("kp", "ti")}
+    start: Mapping[str, Any] = next((cure.changes for cure in cures if cure.name == SIMC), own)
+    pairs = [[(start["kp"] * factor, start["ti"] * time) for factor in _FACTORS] for time in _TIMES]
+    grid = [_gains(SIMULATED, _rounded(kp), _rounded(ti), "found by simulation: ") for row in pairs for kp, ti in row]
+    ds = try_cures(trial, grid)
+    shape = len(_TIMES), len(_FACTORS)
+    calm = ((ds["hunting"] == 0.0) & (ds["status"] == STATUS_OK)).values.reshape(shape)
+    calm[:, :-1] &= calm[:, 1:]
+    calm[:, -1] = False
+    error = np.where(calm, ds["rmse"].values.reshape(shape), np.inf).ravel()
+    k = int(np.argmin(error))
+    return [cures[0], grid[k], *cures[1:]] if math.isfinite(error[k]) else cures
 
 
-def verdict(ds: xr.Dataset, k: int) -> str:
-    """What a cure did, in a few words; as it is first in ``ds``."""
-    if ds["status"].values[k] != STATUS_OK:
+class Option(NamedTuple):
+    """What a loop does as it is, or with a change: RMS error, K, motor travel, whether it hunts, and its margin."""
+
+    name: str
+    words: str
+    error: float
+    travel: float
+    hunts: bool
+    margin: float = math.nan
+
+
+def options_of(cures: xr.Dataset) -> list[Option]:
+    """The options that ``try_cures`` tried."""
+    cures = cures.assign(error=cures["rmse"].where(cures["status"] == STATUS_OK), hunts=cures["hunting"] > 0.0)
+    columns = (cures[name].values.tolist() for name in ("cure", "words", "error", "motor_travel", "hunts", "margin"))
+    return [Option(*row) for row in zip(*columns, strict=True)]
+
+
+class Advice(NamedTuple):
+    """Which option to take, 0 for none, and the sentences that say so."""
+
+    best: int
+    text: str
+
+
+WORSE, BETTER = 1.05, 0.95
+"""RMSE relative to now from which an option counts as worse, and up to which as better."""
+_RANKS = {INVERSE: 1, BOTH: 1, DEAD_BAND: 3, REPAIRED: 4}
+"""Settings of the PI come first, then what asks for the size of the gap, then (2) what is calm although its margin is
+too large; a dead band hides the swing, a repair is no setting."""
+
+
+def advise(options: Sequence[Option], *, holds: bool = True) -> Advice:
+    """Choose an option and say so.
+
+    Where the loop hunts, the first rank with an option that does not, and its least error; where it does not, only what
+    takes 5 % off the error.
+
+    options: the loop as it is first.  holds: whether the loop holds its set-point as it is.
+    """
+    now = options[0]
+
+    def rank(k: int) -> tuple[int, float]:
+        of_name = _RANKS.get(options[k].name, 0)
+        return (max(of_name, 2) if options[k].margin > HUNTS_ABOVE else of_name), options[k].error
+
+    def effect(k: int, words: str = "") -> str:
+        moved = f", motor travel × {number(options[k].travel / now.travel)}" if now.travel > 0.0 else ""
+        return f"{words or options[k].words}: RMSE {100 * (options[k].error / now.error - 1.0):+.0f} %{moved}."
+
+    able = [k for k, one in enumerate(options) if k and math.isfinite(one.error) and not one.hunts]
+    better = [k for k in able if options[k].error < BETTER * now.error]
+    if not now.hunts:
+        settings = [k for k in better if options[k].name != REPAIRED]
+        best = min(settings, key=rank, default=0)
+        if best:
+            return Advice(best, f"{'If the error matters' if holds else 'Do this'}: {effect(best)}")
+        if not holds:
+            return Advice(0, "None of these makes it hold its set-point.")
+        repaired = f"; {effect(better[0], 'a repaired valve would')}" if better else "."
+        return Advice(0, f"Leave it: none of these settings takes 5 % off the error{repaired}")
+    best = min(able, key=rank, default=0)
+    if not best:
+        nearest = min(range(len(options)), key=lambda k: np.nan_to_num(options[k].error, nan=np.inf))
+        return Advice(0, "None of these stops the hunting" + (f"; least error: {effect(nearest)}" if nearest else "."))
+    text, with_gap = f"Do this: {effect(best)}", [k for k in able if options[k].name in (INVERSE, BOTH)]
+    least = min(with_gap, key=rank, default=0)
+    if rank(best)[0] == 0 and least and options[least].error < BETTER * options[best].error:
+        text += f"  If the backlash is known to 5 %: {effect(least)}"
+    if rank(best)[0] == 2:
+        text += f"  This day stays calm, but a margin of {options[best].margin:.2g} is above {HUNTS_ABOVE:g}."
+    if options[best].name == DEAD_BAND:
+        text += "  It only hides the swing: the margin and every error within the band stay."
+    if options[best].name == REPAIRED:
+        text += "  None of these settings stops the hunting."
+    return Advice(best, text)
+
+
+def verdict(now: Option, then: Option) -> str:
+    """What an option does, in a few words."""
+    if not math.isfinite(then.error):
         return "failed"
-    before, after = hunting(ds)[[0, k]]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        error, swing = (float(of[k] / of[0]) for of in (ds["rmse"].values, ds["hunting_swing"].values))
-    if not before:
-        if after:
-            return "makes it hunt"
-        return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
-    if not after:
-        return "cures it, at a larger error" if error > WORSE else "cures it"
-    return "still hunts, and worse" if swing > 1.1 else "still hunts, but less" if swing < 0.7 else "still hunts"
+    error = then.error / now.error if now.error else math.nan
+    if not now.hunts:
+        return "makes it hunt" if then.hunts else _compared(error)
+    if then.hunts:
+        return {"worse": "still hunts, and worse", "better": "still hunts, but less"}.get(
+            _compared(error), "still hunts"
+        )
+    return "cures it, at a larger error" if error > WORSE else "cures it"
 
 
-def recommended(ds: xr.Dataset, names: list[str]) -> int:
-    """Which cure to take: of those that leave no hunting, neither simulated nor predicted, the one with the least RMSE.
+def _compared(error: float) -> str:
+    return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
 
-    A cure whose margin stays too large comes after these, a dead band or a repaired valve last.  0 where the loop is
-    good as it is, or where nothing helps.
-    """
-    error, margin = ds["rmse"].values, np.nan_to_num(ds["margin"].values)
-    good = (ds["status"].values == STATUS_OK) & ~hunting(ds)
-    if good[0]:
-        good &= (error < BETTER * error[0]) & ~np.isin(names, REPAIRED)
-    rank = np.where(np.isin(names, (DEAD_BAND, REPAIRED)), 2, np.where(margin > HUNTS_ABOVE, 1, 0))
-    able = [k for k, name in enumerate(names) if good[k] and name != AS_IS]
-    return min(able, key=lambda k: (rank[k], error[k]), default=0)
+
+MINUTES = 120.0
+"""Seconds from which a period is given in minutes."""
+_NOTHING = 5e-4  # temperature difference that nobody sees, K
+
+
+def seconds(value: float) -> str:
+    """A period in words."""
+    if not math.isfinite(value):
+        return "now and then"
+    return f"{number(value)} s" if value < MINUTES else f"{number(value / 60.0)} min"
+
+
+def kelvin(value: float) -> str:
+    """A temperature difference in words."""
+    return f"{number(value)} K" if abs(value) >= _NOTHING else "0 K"
+
+
+def number(value: float) -> str:
+    """Two digits, without an exponent where it is large."""
+    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
+
+
+def per_cent(value: float) -> str:
+    """A fraction in words."""
+    return f"{100.0 * value:.3g} %"

@@ -13,25 +13,32 @@ from fastcoil.base.arguments import checking, instance_of, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.text import aligned
 from fastcoil.design.advice import (
-    DEAD_BAND,
+    GAINS,
     LONGER_TI,
+    MINUTES,
     REPAIRED,
     UNSURE,
+    Advice,
+    Trial,
+    advise,
     cures_of,
-    hunting,
-    hunts_uncounted,
-    recommended,
-    swings_at,
+    kelvin,
+    number,
+    options_of,
+    per_cent,
+    seconds,
     try_cures,
     verdict,
+    with_simulated_gains,
 )
 from fastcoil.design.explain_page import draw
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
-from fastcoil.design.linearise import margins_of
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import (
     Prediction,
+    acts_wrong_way,
     left_out,
+    nearest_linear,
     phase_shares,
     predict,
     shortest_ti,
@@ -106,20 +113,24 @@ def explain(
         loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
     points = operating_points(boundary, warm_up, second)
     doubts = why_not_linear(loop)
-    prediction = None if doubts else predict(loop, points)
-    if prediction is not None:
-        doubts = why_no_margin(prediction)
-        prediction = None if doubts else prediction
-    tried = cures_of(loop, prediction)
-    cures = try_cures(loop, boundary, tried, prediction, warm_up, seed)
-    swings = swings_at(points, boundary, cures.isel(cure=0))
-    cures = cures.assign(uncounted=prediction is not None and hunts_uncounted(prediction, swings, cures.isel(cure=0)))
-    cures = cures.assign(verdict=("cure", [verdict(cures, k) for k in range(len(tried))]))
-    best = tried[recommended(cures, [cure.name for cure in tried])].name
-    if prediction is None:
-        return Explanation(doubts, None, None, cures, best, loop, boundary, None)
-    found = _points_of(prediction, swings)
-    return Explanation(left_out(prediction), phase_shares(prediction), found, cures, best, loop, boundary, prediction)
+    prediction = predict(nearest_linear(loop) if doubts else loop, points)
+    doubts = doubts or why_no_margin(prediction)
+    has_theory = not doubts
+    if acts_wrong_way(prediction):
+        action = "cooling" if loop["action"] == "heating" else "heating"
+        prediction = predict(prediction.loop.assign(action=action), points)
+    trial = Trial(loop, boundary, points, prediction if has_theory else None, warm_up, seed)
+    tried = cures_of(loop, prediction, has_theory=has_theory)
+    cures = try_cures(trial, tried)
+    if cures["hunting"][0] and not (cures["hunting"] == 0.0)[np.isin(cures["cure"], GAINS)].any():
+        cures = try_cures(trial, with_simulated_gains(trial, tried))
+    options = options_of(cures)
+    cures = cures.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
+    advice = advise(options, holds=not cures["share_off"][0] > _LOST)
+    if not has_theory:
+        return Explanation(doubts, None, None, cures, advice, loop, boundary, None)
+    found = _points_of(prediction, cures["swings"].values[0])
+    return Explanation(left_out(prediction), phase_shares(prediction), found, cures, advice, loop, boundary, prediction)
 
 
 def _points_of(prediction: Prediction, swings: Array) -> xr.Dataset:
@@ -150,7 +161,7 @@ class Explanation:
     Attributes
     ----------
     hunts
-        Whether the simulated day hunts, see the metric of that name.
+        Whether the simulated day hunts: all of it, see the metric of that name, or a part.
     predicted
         Whether the linear model predicts hunting at some operating point; None where it cannot tell.
     margin
@@ -167,9 +178,9 @@ class Explanation:
         Dataset over ``point``: each hour at each set-point with its margin; None where theory cannot tell.
     cures
         Dataset over ``cure``, ``as_it_is`` first: the parameters that change, the predicted ``margin``, the simulated
-        metrics, ``words`` and ``verdict``.
-    recommended
-        The cure to take; ``as_it_is`` where the loop is good, or nothing helps.
+        metrics, ``hunting`` (1 where the day hunts, at least for a part), ``words`` and ``verdict``.
+    recommended, advice
+        The cure to take, ``as_it_is`` where the loop is good, or nothing helps; and the sentences that say so.
     loop, boundary
         What was explained.
     """
@@ -178,7 +189,7 @@ class Explanation:
     phase: xr.DataArray | None
     points: xr.Dataset | None
     simulated: xr.Dataset  # the cures with their traces
-    recommended: str
+    advised: Advice
     loop: Loop
     boundary: Boundary
     prediction: Prediction | None
@@ -186,12 +197,22 @@ class Explanation:
     @property
     def cures(self) -> xr.Dataset:
         """What was tried, as it is first, and what it does."""
-        return self.simulated.drop_vars(["T_sup", "elapsed_time", "uncounted"])
+        return self.simulated.drop_vars(["T_sup", "elapsed_time", "swings"])
+
+    @property
+    def recommended(self) -> str:
+        """Name of the cure to take."""
+        return str(self.simulated["cure"].values[self.advised.best])
+
+    @property
+    def advice(self) -> str:
+        """What to do, in a sentence or two; empty where the loop cannot be simulated."""
+        return "" if self._failed else self.advised.text
 
     @property
     def hunts(self) -> bool:
-        """Whether the simulated day hunts."""
-        return bool(self.simulated["hunts"][0] > 0)
+        """Whether the simulated day hunts, for a part of it at least."""
+        return bool(self.simulated["hunting"][0])
 
     @property
     def predicted(self) -> bool | None:
@@ -223,10 +244,10 @@ class Explanation:
         """The explanation in plain sentences, the answer first."""
         lines = [self.answer, self.why]
         if self.points is not None and self.phase is not None:
-            lines += [*_agreement(self, self.points), _where(self, self.points)]
+            lines += [_agreement(self, self.points), _where(self, self.points)]
             lines += [f"Not in the margin: {clause}." for clause in self.doubts]
             lines += ["", *_phase(self.phase)]
-        return "\n".join([*lines, "", *_table(self), *self.advice])
+        return "\n".join([*lines, "", *_table(self), self.advice]).rstrip()
 
     def __repr__(self) -> str:
         return f"<fastcoil explanation: {self.answer}>"
@@ -236,8 +257,8 @@ class Explanation:
 
     def plot(self) -> Figure:
         """The explanation on one page, as a matplotlib ``Figure``."""
-        best = self._number_of(self.recommended) or 0
-        return draw(f"{self.answer}\n{self.why}", self.boundary, self.simulated, best, self.prediction)
+        heading = f"{self.answer}\n{self.why}"
+        return draw(heading, self.boundary, self.simulated, self.advised.best, self.prediction)
 
     @property
     def answer(self) -> str:
@@ -245,58 +266,36 @@ class Explanation:
         if self._failed:
             return "This loop cannot be simulated: temperatures leave the range of the model."
         if self.hunts:
-            return f"This loop will hunt: about {_simulated_swing(self)}."
-        if self._lost and not self._needs_cure:
+            return f"This loop will hunt{' for a part of the day' * self._in_part}: {self._simulated_swing}."
+        if self.simulated["share_off"][0] > _LOST:
             error = kelvin(float(self.cures["rmse"][0]))
             return f"This loop will not hunt, but it does not hold its set-point either: its RMS error is {error}."
-        if self.prediction is None or not self.predicted:
-            return f"This loop will not hunt{', but it is on the edge' * _is_unsure(self)}."
-        there = self.prediction.hunting
-        places = f"{there.size} of {self.prediction.reached.size} operating points"
-        if self._needs_cure and self.points is not None:
-            swing = kelvin(float(self.points["swing"][there].median()))
-            return f"This loop will hunt, but not all day or not regularly: by about {swing} peak to peak at {places}."
-        return f"This loop will hardly hunt: theory predicts it at {places}, which the simulated day does not show."
+        if self.predicted:
+            return "This loop will not hunt on this day, but theory predicts that it may: it is on the edge."
+        return f"This loop will not hunt{', but it is on the edge' * (UNSURE[0] <= self.margin <= UNSURE[1])}."
 
     @property
-    def advice(self) -> list[str]:
-        """What to do, in a sentence, and what a dead band leaves or the backlash costs."""
-        if self._failed:
-            return []
-        best, error, travel = self._number_of(self.recommended), self.cures["rmse"].values, self.cures["motor_travel"]
-        band, repaired = self._number_of(DEAD_BAND), self._number_of(REPAIRED)
-        lines = []
-        if self._needs_cure and band is not None:
-            width = self._value("error_dead_band", band)
-            lines = [f"The dead band leaves the margin as it is, and holds any error up to {width:g} K."]
-        elif not self._needs_cure and repaired is not None and kelvin(error[0]) != kelvin(error[repaired]):
-            now, without = kelvin(error[0]), kelvin(error[repaired])
-            gap = per_cent(self._value("backlash"))
-            lines = [f"What the backlash of {gap} costs anyway: RMSE {now} instead of {without}."]
-        if best:
-            moved = f", motor travel × {number(float(travel[best] / travel[0]))}" if travel[0] else ""
-            then_do = "Do this" if self._needs_cure else "If the error matters"
-            change = f"RMSE {100 * (error[best] / error[0] - 1.0):+.0f} %{moved}"
-            return [*lines, f"{then_do}: {self.cures['words'].values[best]}: {change}."]
-        if self._needs_cure:
-            return [*lines, "None of these cures it."]
-        if self._lost:
-            return [*lines, "None of these makes it hold its set-point."]
-        return [*lines, "Leave it: none of these takes 5 % off the error."]
+    def _simulated_swing(self) -> str:
+        """What the simulated day shows."""
+        if not self.hunts:
+            return f"no hunting, RMS error {kelvin(float(self.cures['rmse'][0]))}"
+        if self._in_part and self.prediction is not None:
+            there = self.prediction.hunting
+            swing = float(np.nanmedian(self.simulated["swings"].values[0, there]))
+            return (
+                f"about {kelvin(swing)} peak to peak at {there.size} of {self.prediction.reached.size} operating points"
+            )
+        swing, period = (float(self.cures[name][0]) for name in ("hunting_swing", "hunting_period"))
+        return f"about {kelvin(swing)} peak to peak every {seconds(period)}"
+
+    @property
+    def _in_part(self) -> bool:
+        """Whether it hunts for a part of the day only, or not regularly."""
+        return self.hunts and not self.simulated["hunts"][0] > 0.0
 
     @property
     def _failed(self) -> bool:
         return int(self.simulated["status"][0]) != STATUS_OK
-
-    @property
-    def _needs_cure(self) -> bool:
-        """Whether it hunts, for a part of the day at least."""
-        return bool(hunting(self.simulated)[0])
-
-    @property
-    def _lost(self) -> bool:
-        """Whether it is off its set-point for most of the time."""
-        return bool(self.simulated["share_off"][0] > _LOST)
 
     def _value(self, name: str, k: int = 0) -> float:
         """A parameter of the loop with a cure."""
@@ -317,68 +316,40 @@ def _why(e: Explanation) -> str:
     known = f"margin {margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}"
     # the margin goes with kp
     factor = HUNTS_ABOVE / margin if margin else math.inf
-    largest = number(kp * factor)
     if not e.predicted:
-        if margin > HUNTS_ABOVE:
-            return f"Why: {known}, so kp has to be below {largest} 1/K, but theory finds no swing that counts."
-        shortest = shortest_ti(e.prediction, HUNTS_ABOVE)
-        ways = [f"with {factor:.3g} times this kp"] if math.isfinite(factor) else []
-        ways += [f"with a ti below {number(shortest)} s"] if shortest < ti else []
-        return f"Why: {known}{', and it would ' * bool(ways)}{', or '.join(ways)}."
+        return _why_not_predicted(e, e.prediction, known, factor)
+    ends = "" if e.hunts else "  On this day no such swing lasts."
     if margin <= HUNTS_ABOVE:
         # calm by its margin, but not once it swings: the margin is that of swings up to 2 K
         motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
-        return f"Why: {motor}a large swing keeps itself up once it has begun, though a small one dies away ({known})."
-    longer = e._number_of(LONGER_TI)
+        begun = "a large swing keeps itself up once it has begun, though a small one dies away"
+        return f"Why: {motor}{begun} ({known}).{ends}"
+    longer, repaired = e._number_of(LONGER_TI), e._number_of(REPAIRED)
     if longer is not None:
         needed = f"with this kp the loop needs about {e._value('ti', longer):g} s"
         fault = f"the integral is too fast for the coil: ti = {ti:g} s, while {needed}"
     else:
-        fault = f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {largest} 1/K with this ti"
-    gap = e._value("backlash")
-    columns = {**e.prediction.columns, "backlash": np.zeros(1)}
-    if not gap or margins_of(columns, e.prediction.plant).gain_margin[0] <= 1.0:
-        return f"Why: {fault} ({known}).  It would swing behind a perfect valve, too."
-    motor = f" and the motor's {stroke:g} s" if stroke else ""
-    return f"Why: {fault} ({known}).  Any backlash starts it; its {per_cent(gap)}{motor} set the size of the swing."
+        fault = (
+            f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {number(kp * factor)} 1/K with this ti"
+        )
+    if e.hunts and repaired is not None and not e.cures["hunting"][repaired]:
+        motor = f" and the motor's {stroke:g} s" if stroke else ""
+        ends = f"  Any backlash starts it; its {per_cent(e._value('backlash'))}{motor} set the size of the swing."
+    elif e.hunts:
+        ends = "  It swings behind a perfect valve, too."
+    return f"Why: {fault} ({known}).{ends}"
 
 
-def _is_unsure(e: Explanation) -> bool:
-    """Whether the margin is so near its limit that it does not decide."""
-    return UNSURE[0] <= e.margin <= UNSURE[1]
-
-
-def _simulated_swing(e: Explanation) -> str:
-    """The swing of the simulated day."""
-    swing, period = (float(e.cures[name][0]) for name in ("hunting_swing", "hunting_period"))
-    return f"{kelvin(swing)} peak to peak every {seconds(period)}"
-
-
-MINUTES = 120.0
-"""Seconds from which a period is given in minutes."""
-_NOTHING = 5e-4  # temperature difference that nobody sees, K
-
-
-def seconds(value: float) -> str:
-    """A period in words."""
-    if not math.isfinite(value):
-        return "now and then"
-    return f"{number(value)} s" if value < MINUTES else f"{number(value / 60.0)} min"
-
-
-def kelvin(value: float) -> str:
-    """A temperature difference in words."""
-    return f"{number(value)} K" if abs(value) >= _NOTHING else "0 K"
-
-
-def number(value: float) -> str:
-    """Two digits, without an exponent where it is large."""
-    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
-
-
-def per_cent(value: float) -> str:
-    """A fraction in words."""
-    return f"{100.0 * value:.3g} %"
+def _why_not_predicted(e: Explanation, prediction: Prediction, known: str, factor: float) -> str:
+    """The reason where theory predicts no hunting.  factor: that kp may grow by."""
+    if e.hunts:
+        return f"Why: theory does not predict it ({known}): noise, steps or changing conditions keep the swing going."
+    if e.margin > HUNTS_ABOVE:
+        return f"Why: {known}, but theory finds no swing that counts."
+    shortest = shortest_ti(prediction, HUNTS_ABOVE)
+    ways = [f"with {factor:.3g} times this kp"] if math.isfinite(factor) else []
+    ways += [f"with a ti below {number(shortest)} s"] if shortest < e._value("ti") else []
+    return f"Why: {known}{', and it would ' * bool(ways)}{', or '.join(ways)}."
 
 
 def _table(e: Explanation) -> list[str]:
@@ -392,7 +363,7 @@ def _table(e: Explanation) -> list[str]:
             moved = f"× {number(travel[k] / travel[0])}" if travel[0] > 0 else "–"
         else:
             change, moved = f"{error[0]:.3g} K", f"{travel[0]:.3g} strokes"
-            says = "hunts" if e.hunts else "hunts in part" if e._needs_cure else "does not hunt"
+            says = "hunts for a part of the day" if e._in_part else "hunts" if e.hunts else "does not hunt"
         cells = (f"{margin[k]:.2f}", change, kelvin(swing[k]), moved)
         known = np.isfinite([margin[k], error[k], swing[k], travel[k]])
         rows.append((words, *(cell if is_known else "–" for cell, is_known in zip(cells, known, strict=True)), says))
@@ -417,12 +388,9 @@ def _phase(phase: xr.DataArray) -> list[str]:
     return [f"Where the 180° of phase go, at one swing in {seconds(float(phase.attrs['period']))}:", *taken]
 
 
-def _agreement(e: Explanation, points: xr.Dataset) -> list[str]:
+def _agreement(e: Explanation, points: xr.Dataset) -> str:
     """What theory predicts beside what the simulation shows."""
-    if e._failed or e.prediction is None:
-        return []
-    shown = _simulated_swing(e) if e.hunts else f"no hunting, RMS error {kelvin(float(e.cures['rmse'][0]))}"
-    there = points.isel(point=e.prediction.hunting)
+    there = points.isel(point=points["hunts"].values > 0.0)
     swings, periods = 2.0 * there["amplitude"].values, there["period"].values
     if not swings.size:
         cycle = "no cycle"
@@ -431,10 +399,8 @@ def _agreement(e: Explanation, points: xr.Dataset) -> list[str]:
         cycle = f"{_span(swings, 'K')} peak to peak every {every}"
     else:
         cycle = "a cycle, of a size that theory does not give"
-    lines = [f"Predicted: {cycle}; simulated over the day: {shown}."]
-    if _is_unsure(e) or e.predicted != e.hunts:
-        lines.append(f"Near a margin of {HUNTS_ABOVE:g}, or where the two disagree, go by the simulation.")
-    return lines
+    line = f"Predicted: {cycle}; simulated over the day: {'failed' if e._failed else e._simulated_swing}."
+    return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
 
 
 def _span(values: Array, unit: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.design.advice import TUNINGS
+from fastcoil.design.advice import GAINS
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.prediction import Prediction, cycles_at
 from fastcoil.loops.boundary import Boundary
@@ -23,7 +23,9 @@ _SPAN, _TI_STEPS = 8.0, 60  # the map goes from the gains of now and the cures, 
 _LABEL = 0.85  # where on a contour its label is, as a share of its length
 _CONTOURS = (0.4, HUNTS_ABOVE, 1.7)
 _ON_WHITE = {"fc": "white", "ec": "none", "pad": 0.6}
-_MARKS = {"lower_kp": ("v", "lower kp"), "longer_ti": (">", "longer ti"), "simc": ("s", "SIMC")}
+_MARKS = {"lower_kp": ("v", "lower kp"), "longer_ti": (">", "longer ti"), "simc": ("s", "SIMC"),
+    "simulated_gains": ("D", "found by simulation"),
+}  # fmt: skip
 
 
 @apply_style()
@@ -48,7 +50,7 @@ def draw(heading: str, boundary: Boundary, cures: xr.Dataset, best: int, predict
 
 def _draw_gains(axes: Axes, cures: xr.Dataset, prediction: Prediction) -> None:
     """Which kp and ti hunt at the worst operating point; the margin goes with kp."""
-    marked = np.flatnonzero(np.isin(cures["cure"], ("as_it_is", *TUNINGS)))
+    marked = np.flatnonzero(np.isin(cures["cure"], ("as_it_is", *GAINS)))
     own_kp, own_ti = (np.broadcast_to(cures.get(n, prediction.columns[n]), cures.sizes["cure"]) for n in ("kp", "ti"))
     times = np.geomspace(own_ti[marked].min() / _SPAN, own_ti[marked].max() * _SPAN, _TI_STEPS)
     swept = prediction.loop.assign(ti=("tuning", times))
@@ -67,7 +69,7 @@ def _draw_gains(axes: Axes, cures: xr.Dataset, prediction: Prediction) -> None:
     axes.plot(own_ti[0], own_kp[0], "o", color=RED, ms=7, label="as it is")
     for k in marked[1:]:
         mark, words = _MARKS[str(cures["cure"].values[k])]
-        colour = BLUE if cures["hunts"][k] == 0 else YELLOW
+        colour = BLUE if cures["hunting"][k] == 0 else YELLOW
         axes.plot(own_ti[k], own_kp[k], mark, ms=7, color=colour, mec="black", mew=0.6, ls="none", label=words)
     axes.set(xscale="log", yscale="log", xlim=(times[0], times[-1]), ylim=(low, high))
     axes.set(xlabel="integral time Ti [s]", ylabel="proportional gain Kp [1/K]")

@@ -77,6 +77,8 @@ def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
 
 def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
     """kp and ti after SIMC where the loop is worst; None where the valve changes nothing."""
+    if prediction.worst < 0:
+        return None
     columns = prediction.columns
     kp, ti = (float(values[0]) for values in simc(columns, prediction.plant, first_order(columns, prediction.plant)))
     return (kp, ti) if math.isfinite(kp) and math.isfinite(ti) else None
@@ -139,6 +141,15 @@ def phase_shares(prediction: Prediction) -> xr.DataArray:
     return xr.DataArray([shares[part] for part in PARTS], dims="part", coords={"part": list(PARTS)}, attrs=attrs)
 
 
+def nearest_linear(loop: Loop) -> Loop:
+    """The plain PI of a loop, for which theory holds whatever the loop has besides."""
+    off = dict.fromkeys(
+        ("learning_step", "backlash_estimate", "neutral_zone", "slip_jump", "sensor_resolution", "command_resolution",
+         "wear_rate", "error_dead_band"), 0.0,
+    )  # fmt: skip
+    return loop.assign(law="pi", estimator="none", **off)
+
+
 def why_not_linear(loop: Loop) -> tuple[str, ...]:
     """Why theory does not hold for a single loop, a clause each; empty where it does."""
     if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
@@ -154,12 +165,16 @@ def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
         if not prediction.plants.reachable.any():
             return ("no set-point of the day can be held: the valve is at its end all the time",)
         return ("its compensation crosses the gap too slowly to count as an inverse",)
-    heats = prediction.loop["action"] == "heating"
-    gain = prediction.plants.gain[prediction.reached] * (1.0 if heats else -1.0)
-    if (gain > 0.0).any():
+    if not acts_wrong_way(prediction):
         return ()
-    does, other = ("cools", "cooling") if heats else ("warms", "heating")
+    does, other = ("cools", "cooling") if prediction.loop["action"] == "heating" else ("warms", "heating")
     return (f"the valve acts the wrong way round: opening it {does} the air, so give action = {other}",)
+
+
+def acts_wrong_way(prediction: Prediction) -> bool:
+    """Whether opening the valve moves the temperature away from the set-point wherever it can be reached."""
+    gain = prediction.plants.gain[prediction.reached] * (1.0 if prediction.loop["action"] == "heating" else -1.0)
+    return bool(gain.size and not (gain > 0.0).any())
 
 
 def left_out(prediction: Prediction) -> tuple[str, ...]:

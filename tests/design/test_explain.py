@@ -69,7 +69,7 @@ def test_every_tuning_proposed_has_a_margin_of_0_7_and_is_no_more_cautious_than_
     for name, least in (("lower_kp", 0.62), ("longer_ti", 0.55)):
         assert least < float(hunting.cures.sel(cure=name)["margin"]) <= 0.7 + 1e-3
         assert float(hunting.cures.sel(cure=name)["hunts"]) == 0.0
-    assert hunting.recommended in ("lower_kp", "longer_ti", "simc", "simc_and_inverse")
+    assert hunting.recommended in ("lower_kp", "longer_ti", "simc")
 
 
 def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_reported(hunting):
@@ -80,7 +80,7 @@ def test_the_margin_quoted_is_the_worst_of_the_day_and_the_span_is_reported(hunt
     assert float(hunting.phase.sum()) == pytest.approx(180.0)
 
 
-def test_a_loop_that_does_not_hunt_reports_how_far_it_is_and_what_backlash_costs_anyway(quiet):
+def test_a_loop_that_does_not_hunt_reports_how_far_it_is(quiet):
     assert not quiet.hunts
     assert quiet.predicted is False
     assert quiet.text.startswith("This loop will not hunt.")
@@ -88,8 +88,6 @@ def test_a_loop_that_does_not_hunt_reports_how_far_it_is_and_what_backlash_costs
     beyond = explain(LBNL.assign(kp=0.018 * factor), DAY)
     assert beyond.margin == pytest.approx(HUNTS_ABOVE, rel=0.03)
     assert math.isnan(quiet.period)
-    now, repaired = (float(quiet.cures["rmse"].sel(cure=name)) for name in ("as_it_is", "repaired_valve"))
-    assert f"What the backlash of 7 % costs anyway: RMSE {now:.2g} K instead of {repaired:.2g} K." in quiet.text
 
 
 def test_an_estimate_that_is_given_as_a_ratio_stays_the_estimate_of_the_loop():
@@ -134,16 +132,7 @@ def test_a_margin_that_is_too_large_is_never_reported_as_room_for_a_larger_kp():
     found = explain(loop.assign(authority=0.01, rangeability=50.0, m_full=1.6), DAY)
     assert found.margin > 100.0
     assert "times this kp" not in found.why
-    assert "kp has to be below 0.00" in found.why or "the gain is too high" in found.why
-
-
-@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
-def test_a_valve_that_acts_the_wrong_way_round_is_reported_and_not_how_far_it_is_from_hunting():
-    found = explain(LBNL.assign(action="heating"), DAY)
-    assert "opening it cools the air, so give action = cooling." in found.why
-    assert found.predicted is None
-    assert "None of these makes it hold its set-point." in found.text
-    assert "costs anyway" not in found.text
+    assert "theory finds no swing that counts" in found.why
 
 
 def test_a_day_on_which_nothing_moves_is_reported_without_a_number_that_there_is_not():

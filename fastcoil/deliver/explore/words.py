@@ -8,7 +8,7 @@ from typing import Any
 from fastcoil.base.results import in_toml
 from fastcoil.deliver.explore.loop import NO_GAP, NOW, PLAIN, Run, day_of, loop_of
 from fastcoil.deliver.explore.settings import GIVEN, Settings, Start
-from fastcoil.design.explain import kelvin, number, per_cent, seconds
+from fastcoil.design.advice import kelvin, number, per_cent, seconds
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.loops.presets import PRESETS
 from fastcoil.model.metric_table import HUNTING_SWING, OFF

@@ -246,7 +246,6 @@ _TWO_PANELS = (
     "Top: which gains hunt (shaded), with lines of equal margin, the loop as it is (red dot) and other tunings "
     f"(marks).  Bottom: s{_DAY}"
 )
-_ADVICE = ("Do this", "If the error matters", "Leave it", "None of these")  # how an advice begins
 
 
 def explanation_page(e: Explanation) -> Page:
@@ -266,7 +265,7 @@ def explanation_page(e: Explanation) -> Page:
     title = "Will this loop hunt? " + ", ".join(f"{name} = {setting(name, loop[name])}" for name in ("kp", "ti"))
     question = "Will it hunt on this day, why, what would cure it, and what does that cost?"
     lines = e.text.splitlines()
-    answer = [*lines[: lines.index("")], *(line for line in lines if line.startswith(_ADVICE))]
+    answer = [*lines[: lines.index("")], *filter(None, [e.advice])]
     return Page("Explanation", title, question, list(e.doubts), answer, sections, content_sha256(e.cures))
 
 

@@ -1,0 +1,90 @@
+"""Random loops, and what contradicts itself, or the simulation, in what is said of one."""
+
+import re
+
+import numpy as np
+
+import fastcoil as fc
+
+DAY = fc.paper_day(hours=2)
+PLAIN = {"law": "pi", "estimator": "none", "learning_step": 0.0}
+
+
+def random_loop(seed):
+    """A loop as somebody may have it: any gains, a gap, and one thing in two that theory does not know."""
+    rng = np.random.default_rng([7, seed])
+    loop = fc.Loop.preset(str(rng.choice(["lbnl", "g36", "paper_like_fast", "paper_like"])))
+    gains = {
+        "kp": float(f"{loop['kp'] * 4.0 ** rng.uniform(-1, 1):.2g}"),
+        "ti": float(f"{10 ** rng.uniform(0.5, 2.5):.2g}"),
+    }
+    valve = {
+        "backlash": round(rng.choice([0.0, *rng.uniform(0.01, 0.15, 5)]), 3),
+        "stroke_time": float(rng.choice([0, 90, 300])),
+    }
+    odd = [
+        {}, {}, {}, {}, {"command_resolution": 0.001}, {"sensor_resolution": 0.05}, {"neutral_zone": 0.01},
+        {"estimator": "identify"}, {"estimator": "gradient"}, {"error_dead_band": 0.2},
+        {"slip_jump": round(0.3 * valve["backlash"], 4)}, {"learning_step": 0.007, "estimator": "learner"},
+    ]  # fmt: skip
+    return loop.assign(noise_std=float(rng.choice([0.0, 0.02, 0.05])), **gains, **valve, **odd[rng.integers(len(odd))])
+
+
+def simulated(loop, **changes):
+    return fc.simulate(loop.assign(**changes), DAY, n_jobs=1, progress=False)
+
+
+def contradictions(loop, found):
+    """Every contradiction in the explanation ``found`` of a loop on ``DAY``, a word or two each."""
+    text, cures, wrong = found.text, found.cures, []
+    first, why = text.splitlines()[:2]
+    now = simulated(loop)
+    says_hunts = first.startswith("This loop will hunt")
+    words = dict(zip(cures["cure"].values.tolist(), cures["words"].values.tolist(), strict=True))
+    row = next(line for line in text.splitlines() if line.startswith("as it is"))
+    advice = "\n".join(text.splitlines()[text.splitlines().index(row) + len(words) :])
+    error = dict(zip(words, (cures["rmse"] / cures["rmse"][0]).values.tolist(), strict=True))
+
+    def check(name, is_wrong):
+        if is_wrong:
+            wrong.append(name)
+
+    check("answer: calm, simulated: hunts", now.hunts > 0 and not says_hunts)
+    check("answer: hunts, sentence: no hunting", says_hunts and "no hunting" in text)
+    check("answer against row", says_hunts == row.endswith("does not hunt"))
+    check("calm, but to be cured", not says_hunts and "Do this" in advice and "does not hold" not in first)
+    check("hunts, but left alone", says_hunts and ("Leave it" in advice or "If the error matters" in advice))
+    calm_gains = [
+        simulated(loop, **PLAIN, kp=float(m.kp_simc) * factor, ti=float(m.ti_simc) * time)
+        for m in [fc.linearise(loop.assign(**PLAIN, kp=0.01), DAY)]
+        for factor, time in ((1.0, 1.0), (0.5, 1.0), (0.5, 2.0))
+        if np.isfinite(m.kp_simc)
+    ] if says_hunts and found.recommended in ("as_it_is", "dead_band", "repaired_valve") else []  # fmt: skip
+    check("gains cure it, but none is proposed", any(one.hunts == 0 for one in calm_gains))
+    better = [name for name, change in error.items() if change < 0.95]
+    unsaid = "none of these takes 5" in advice or "None of these cures it" in advice
+    check("none is better, but a row is", not says_hunts and unsaid and better)
+    margin = re.search(r"margin ([\d.e+-]+); a loop hunts above ([\d.]+)", why)
+    if margin:
+        above = float(margin[1]) > float(margin[2])
+        explained = "go by the simulation" in text and ("theory" in why or "swing" in why)
+        check(
+            "margin below its limit, but hunts", says_hunts and not above and "large swing" not in why and not explained
+        )
+        check("margin above its limit, but calm", not says_hunts and above and not explained)
+    perfect = "behind a perfect valve, too" in why
+    if "repaired_valve" in error:
+        stops = simulated(loop, backlash=0.0, backlash_estimate=0.0, slip_jump=0.0).hunts == 0
+        cured = next(v for n, v in zip(words, cures["verdict"].values, strict=True) if n == "repaired_valve")
+        check("the valve is to blame and is not", perfect and stops and cured.startswith("cures"))
+        check("the valve is not to blame and is", "Any backlash starts it" in why and not cured.startswith("cures"))
+    best = found.recommended
+    if best != "as_it_is":
+        check("the advice is not the recommended row", words[best] not in advice)
+        quoted = re.search(r"RMSE ([+-]\d+) %", advice[advice.find(words[best]) :])
+        check("another number than the row", not quoted or abs(float(quoted[1]) - 100 * (error[best] - 1)) > 0.51)
+        changes = {n: cures[n].values[list(words).index(best)] for n in cures.coords if cures[n].ndim and n != "cure"}
+        then = simulated(loop, **{n: v.item() for n, v in changes.items()})
+        check("recommended, but it hunts", then.hunts > 0)
+        check("recommended, but simulated otherwise", abs(float(then.rmse / now.rmse) - error[best]) > 1e-9)
+    return wrong
