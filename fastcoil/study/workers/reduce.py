@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable
 from typing import Any
 
@@ -10,12 +9,13 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import is_text
-from fastcoil.base.errors import InputError, shown
-from fastcoil.loops.netcdf import CLOCK
+from fastcoil.base.errors import InputError
+from fastcoil.loops.netcdf import CLOCK, load, netcdf_bytes
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 from fastcoil.study.file.own_code import Source
-from fastcoil.study.workers.user_code import its_errors, load
+from fastcoil.study.workers.user_code import its_errors
+from fastcoil.study.workers.user_code import load as load_code
 
 SCENARIO = "scenario"
 """The dimension along which the function gets the traces of a shard."""
@@ -25,7 +25,6 @@ _TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
 _FLOATS = (np.dtype(np.float32), np.dtype(np.float64))
 _WORDS = ("units", "long_name", "standard_name", "description", "comment", "source", "references")
 """Attributes that are kept: words for a reader, nothing by which a decoder would change the numbers."""
-_LONGEST_NAME = 200  # bytes; the NetCDF library takes 256
 
 
 def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
@@ -59,14 +58,29 @@ def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
 
 
 def _call(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
-    function = load("reduce", reduction)
+    function = load_code("reduce", reduction)
     with its_errors(f"reduce = {reduction.name!r} raised"):
         found = function(traces.copy())
     problems = list(_problems(found, traces))
     if problems:
         raise InputError([f"reduce = {reduction.name!r} returned {problem}" for problem in problems])
     labels = {dim: _copy(found[dim].variable) for dim in _dims(found) if dim in found.coords}
-    return xr.Dataset({n: _copy(v.variable).transpose(SCENARIO, ...) for n, v in found.data_vars.items()}, labels)
+    made = xr.Dataset({n: _copy(v.variable).transpose(SCENARIO, ...) for n, v in found.data_vars.items()}, labels)
+    if not _is_storable(made):
+        raise InputError(
+            f"reduce = {reduction.name!r} returned names or labels that no file gives back as they are: use letters, "
+            "digits and _ for names, numbers or words for labels"
+        )
+    return made
+
+
+def _is_storable(made: xr.Dataset) -> bool:
+    """Whether a file gives a Dataset back as it is."""
+    try:
+        back = load(netcdf_bytes(made))
+    except Exception:  # the libraries raise many things at what they cannot write
+        return False
+    return back.identical(made) and all(str(name).isidentifier() for name in (*made.variables, *made.dims))
 
 
 def _copy(variable: xr.Variable) -> xr.Variable:
@@ -91,9 +105,7 @@ def _problems(found: Any, traces: xr.Dataset) -> Iterable[str]:
     # labels of the scenarios come with the traces, so that these names are taken too
     taken = {str(name) for name in traces.coords} - {"elapsed_time", "volume"}
     for name, array in found.data_vars.items():
-        if not _is_name(name):
-            yield f"a variable {shown(name)}: name it with letters, digits and _"
-        elif name in _TAKEN_NAMES | taken:
+        if name in _TAKEN_NAMES | taken:
             yield f"a variable {name}: the name is taken, choose another"
         if SCENARIO not in array.dims:
             yield f"{name} without the dim {SCENARIO!r}: give one value, or more, for each scenario"
@@ -104,30 +116,11 @@ def _problems(found: Any, traces: xr.Dataset) -> Iterable[str]:
     for dim in _dims(found):
         if dim in _TAKEN_DIMS | taken:
             yield f"a dim {dim}: the name is taken, choose another"
-        elif not _is_name(dim):
-            yield f"a dim {shown(dim)}: name it with letters, digits and _"
-        elif dim in found.variables and found[dim].dims != (dim,):
-            yield f"two things named {shown(dim)}: rename one of them"
-        elif dim in found.coords and not _are_labels(found[dim].values):
-            yield f"labels of {dim} that are neither numbers nor words: give it others, or drop them"
 
 
 def _dims(found: xr.Dataset) -> list[Any]:
     """The dims of its variables besides the scenario."""
     return list(dict.fromkeys(dim for array in found.data_vars.values() for dim in array.dims if dim != SCENARIO))
-
-
-def _is_name(name: object) -> bool:
-    """Whether a file gives this name back as it is."""
-    if not isinstance(name, str) or not name.isidentifier() or len(name.encode()) > _LONGEST_NAME:
-        return False
-    return unicodedata.is_normalized("NFC", name)
-
-
-def _are_labels(labels: np.ndarray) -> bool:
-    if labels.dtype.kind in "UO":
-        return all(map(_is_words, labels.tolist()))
-    return labels.dtype.kind in "iu" or labels.dtype in _FLOATS
 
 
 def _protect(traces: xr.Dataset) -> xr.Dataset:

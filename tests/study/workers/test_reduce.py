@@ -156,43 +156,30 @@ def test_an_answer_that_depends_on_other_scenarios_is_refused(traces, body):
                 f"return xr.Dataset({{'{name}': ('scenario', t.kp.values)}})",
                 f"returned a variable {name}: the name is ta",
             )
-            for name in ("backlash", "rmse", "T_w", "status", "day", "sample", "controller", "gain")
+            for name in ("backlash", "rmse", "T_w", "day", "gain")
         ),
-        ("return xr.Dataset({3: t.kp})", "returned a variable 3: name it with letters, digits and _"),
-        ("return xr.Dataset({'a/b': t.kp})", "returned a variable 'a/b': name it with letters, digits and _"),
         *(
             (f"return xr.Dataset({{'x': t.kp.expand_dims({name}=2)}})", f"returned a dim {name}: the name is taken")
-            for name in ("backlash", "day", "replicate", "sample", "status", "rmse")
+            for name in ("backlash", "day", "sample", "status")
         ),
-        ("return xr.Dataset({'x': t.kp.drop_vars('tuning').expand_dims(tuning=2)})", "returned a dim tuning: the name"),
-        ("return xr.Dataset({'x': t.kp.expand_dims({'a b': 2})})", "returned a dim 'a b': name it with letters"),
-        (
-            "return xr.Dataset({'x': t.kp.expand_dims(y=2).assign_coords(y=np.array([1, 'a'], dtype=object))})",
-            "returned labels of y that are neither numbers nor words: give it others, or drop them",
+        *(
+            (f"return xr.Dataset({what})", "returned names or labels that no file gives back as they are")
+            for what in (
+                "{3: t.kp}",
+                "{'a/b': t.kp}",
+                "{'x' * 300: t.kp}",
+                "{'cafe\\u0301': t.kp}",
+                "{'x': t.kp.expand_dims({'a b': 2})}",
+                "{'x': t.kp.expand_dims(y=['a\\0b'])}",
+                "{'x': t.kp.expand_dims(y=2).assign_coords(y=np.array([1, 'a'], dtype=object))}",
+            )
         ),
         ("return t.missing", "raised AttributeError: 'Dataset' object has no attribute 'missing'"),
         ("raise ValueError('two\\n   lines')", "raised ValueError: two lines"),
-        ("raise ValueError", "raised ValueError"),
         ("raise SystemExit(3)", "raised SystemExit: 3"),
-        ("raise GeneratorExit", "raised GeneratorExit"),
         ("raise type('Mine', (BaseException,), {})('words')", "raised Mine: words"),
         ("return f(t)", "raised RecursionError: maximum recursion depth exceeded"),
         ("raise MemoryError", "raised MemoryError"),
-        ("return xr.Dataset({'cafe\\u0301': t.kp})", "returned a variable 'cafe"),
-        (
-            "return xr.Dataset({'x': t.kp, 'y': t.kp.expand_dims(x=2)})",
-            "returned two things named 'x': rename one of them",
-        ),
-        ("return xr.Dataset({'x' * 300: t.kp})", "returned a variable 'xxx"),
-        *(
-            (
-                f"return xr.Dataset({{'x': t.kp.expand_dims(y=[{label}])}})",
-                "returned labels of y that are neither numbers nor words: give it others, or drop them",
-            )
-            for label in ("'a\\0b'", "np.longdouble(1)")
-        ),
-        # with pyarrow, pandas itself refuses such a label
-        ("return xr.Dataset({'x': t.kp.expand_dims(y=['\\ud800'])})", "returned "),
         ("raise ValueError('x' * 1000)", "raised ValueError: " + 300 * "x" + " …"),
     ],
 )
@@ -237,8 +224,6 @@ def test_the_module_is_run_once_and_is_one_that_decorators_find():
         ("def f(:", "its module does not run: SyntaxError: invalid syntax"),
         ("f = 1\0", "its module does not run: "),
         ("import no_such_thing", "its module does not run: ModuleNotFoundError: No module named 'no_such_thing'"),
-        ("raise SystemExit", "its module does not run: SystemExit"),
-        ("raise GeneratorExit", "its module does not run: GeneratorExit"),
         ("class Mine(BaseException): pass\nraise Mine('words')", "its module does not run: Mine: words"),
     ],
 )
