@@ -132,16 +132,6 @@ def test_the_measured_bound_lies_where_the_added_turns_fall_below_those_allowed(
     assert fewer[1, 0] == np.inf
 
 
-def test_a_median_has_an_interval_that_valves_give():
-    values = np.random.default_rng(5).normal(1.0, 0.2, (300, 1)) + np.zeros((300, 4))
-    values[0] = np.nan
-    middle, low, high = (
-        float(x) for x in buffer.median_of(values).replace("(", "").replace(")", "").split() if x != "to"
-    )
-    assert low <= middle <= high
-    assert 0.03 < high - low < 0.09
-
-
 @pytest.mark.kernel
 @pytest.mark.full
 def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
@@ -157,23 +147,6 @@ def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     assert [row[0] for row in rows][:3] == ["constant", "heating", "all"]
     for name in ("noise", "allowed", "constants", "cycle", "upper", "rules_by_days", "crossing"):
         assert written(f"buffer_{name}")[1]
-
-
-@pytest.mark.kernel
-@pytest.mark.full
-def test_a_rule_of_the_study_is_the_loop_that_it_names():
-    """The shipped rule in the study is what its parameters give alone, and the lower bound a plain buffer."""
-    valves = runs.population(3, 9, kinds.CONSTANT)
-    ds = runs.on_rules(valves, kinds.CONSTANT, [7])
-    days = kinds.of_kind(kinds.CONSTANT, [7])
-    shipped = {"buffer_ratio": 6.0, "buffer_noise": "measured", "buffer_swing": 0.1}
-    for rule, given in (
-        (runs.SHIPPED, shipped),
-        (runs.LOWER, {"buffer": ("sample", valves.lower)}),
-        (runs.PI, {"estimate_ratio": 0.0}),
-    ):
-        alone = fc.simulate(valves.loop.assign(**({"estimate_ratio": 0.95} | given)), days)
-        np.testing.assert_array_equal(ds.rmse.sel(controller=rule).values, alone.rmse.values)
 
 
 def test_what_the_inverse_leaves_is_a_play_of_the_width_it_misses():

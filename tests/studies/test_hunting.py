@@ -88,20 +88,6 @@ def test_error_rates_count_worn_valves_that_reach_their_set_point(loops):
     assert [cell.split(" ")[0] for cell in shares] == [f"{100 * sum(p) / len(p):.1f}" for p in parts]
 
 
-def test_one_step_a_valve_is_the_first_that_it_can_hold_and_no_longer_counts(loops):
-    one = hunting_loops.by_one_step(loops, hunting_loops.any_place)
-    for i in range(0, 300, 17):
-        if float(loops.backlash[i]) == 0.0:
-            continue
-        for days in ((0, 1), (2, 3)):
-            able = [d for d in days if bool(loops.reachable[i, d])]
-            for d in days:
-                assert bool(one.reachable[i, d]) == (d in able[1:])
-                if d in able[1:]:
-                    assert float(one.K[i, d]) == float(loops.K[i, able[0]])
-                    assert float(one.kp[i, d]) == float(loops.kp[i, d])
-
-
 def test_only_a_swing_that_lasts_is_a_cycle():
     t = np.arange(0.0, 28800.0, hunting_backlash.SEEN)
     signals = {
@@ -208,19 +194,6 @@ def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp
     assert float(plant.margin[0]) == pytest.approx(by_hand, rel=0.1)
     assert float(plant.margin[1]) == pytest.approx(2.0 * float(plant.margin[0]))
     assert float(plant["T"][0]) == pytest.approx(2000.0, rel=0.05)
-
-
-@pytest.mark.full
-@pytest.mark.kernel
-def test_a_population_is_that_of_single_simulations():
-    ds = hunting_loops.population(77, 3, 1)
-    loop, day = hunting_loops.valves(77, 3), hunting_loops.conditions(kinds.HEATING, 78, 1)
-    one = {name: float(np.asarray(loop[name])[2]) for name in ("kp", "ti", "backlash", "C_w", "C_c", "authority")}
-    one |= {name: float(np.asarray(loop[name])[2]) for name in ("rangeability", "m_full", "sample_time")}
-    one |= {name: float(np.asarray(loop[name])[2]) for name in ("sensor_time_constant", "stroke_time")}
-    one["kp"] *= hunting_loops.HEATING_GAIN
-    single = fc.simulate(fc.Loop.preset("lbnl").assign(action="heating", **one), day, warm_up=10800)
-    assert float(ds.swing.sel(day="heating 0")[2]) == float(single.hunting_swing[0])
 
 
 @pytest.mark.full

@@ -163,33 +163,6 @@ def test_tables_hold_what_plain_python_finds(runs, written):
         assert int(called) == rounded(e > 0.01 for e in estimates)
 
 
-def test_the_table_of_costs_holds_what_plain_python_finds_and_the_figure_is_drawn(runs, written, tmp_path):
-    learners.write(runs)
-    labels = {text: name for name, text in learners.LABELS.items()}
-    for table, some in (("learners_cost", runs[1:3]), ("learners_cost_morning", runs[3:4])):
-        _, (head, *rows) = written(table)
-        for row in rows:
-            name, cells = labels[row[0]], dict(zip(head, row, strict=True))
-            pairs = [
-                a / b - 1.0
-                for run in some
-                for a, b in zip(*(run.ds.rmse.sel(controller=n).values.ravel() for n in (name, "pi")), strict=True)
-            ]
-            mean = 100 * statistics.mean(pairs)
-            assert cells[head[1]].split(" ")[0] == ("0" if name == "pi" else f"{mean:+.0f}")
-            if name in NAMES[2:]:
-                right = [not w for run in some for w in wrong(run, name, 0.01)]
-                assert percent(cells["right at the end (95 %)"]) == rounded(right)
-                since = sorted(
-                    math.inf if math.isnan(t) else t / 3600
-                    for run in some
-                    for t in run.ds.time_identified.sel(controller=name).values.ravel()
-                )
-                assert cells["right since, median"] == f"{since[(len(since) - 1) // 2]:.1f} h"
-    learners.draw(runs)
-    assert (tmp_path / "studies" / "learning" / "learners.png").stat().st_size > 20_000
-
-
 @pytest.mark.full
 @pytest.mark.kernel
 def test_the_command_writes_every_table_and_the_figure(written, monkeypatch, tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import statistics
 
 import numpy as np
@@ -125,21 +124,6 @@ def test_learning_writes_what_it_found_and_draws_its_figures(quick, written, mon
     }  # fmt: skip
 
 
-def test_the_front_is_the_least_that_can_be_had_by_a_time(quick):
-    of = learning.judged(quick)
-    figure = maps.front(of, "error", "error", 50.0, 16, "")
-    panel = figure.axes[0]
-    cell = of.isel(tuning=0, noise_std=0)
-    drawn = 0
-    for line in panel.get_lines():
-        at = cell.sel(rule=line.get_label())
-        pairs = [(t, e) for t, e in zip(at.confirmed.values.ravel(), at.error.values.ravel(), strict=True) if t < 99]
-        for time, least in line.get_xydata():
-            assert least == pytest.approx(100 * min(e for t, e in pairs if t <= time))
-            drawn += 1
-    assert drawn > 1
-
-
 def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backlash(quick):
     loop = {"tuning": "g36", "noise_std": 0.1}
     settings = {"learning_step": 0.028, "learning_interval": 900, "learning_ratio": 1.5, "buffer": 0.01}
@@ -158,20 +142,3 @@ def test_a_choice_is_tried_on_fresh_days_against_the_plain_pi_and_a_known_backla
     np.testing.assert_allclose(found.rmse_known, learner.rmse / known.rmse - 1)
     np.testing.assert_allclose(found.travel, learner.motor_travel / plain.motor_travel)
     np.testing.assert_array_equal(found.plain_switches, plain.switch_frequency)
-
-
-def test_the_failure_map_shows_the_share_of_learners_in_every_cell(small):
-    ds = small("learning_failures")
-    figure = maps.failure_map(learning.judged(ds, ["backlash", "day"]), 0.05, "")
-    (panel,) = (a for a in figure.axes if a.get_title() == "g36")  # of the first rule, without a buffer
-    texts = {text.get_position(): text for text in panel.texts}
-    cell = ds.isel(buffer=0).sel(rule="literal", tuning="g36")
-    for x, sample_time in enumerate(ds.sample_time.values):
-        for y, noise in enumerate(ds.noise_std.values):
-            at = cell.sel(sample_time=sample_time, noise_std=noise)
-            learned = [float(final / size) for size, row in zip(ds.backlash.values, at.estimate_final.transpose(
-                "backlash", "day").values, strict=True) for final in row]  # fmt: skip
-            low, high = sum(v < 0.8 for v in learned), sum(v > 1.2 for v in learned)
-            failed = (low + high) / len(learned)
-            assert re.match(r"\d+", texts[x, y].get_text())[0] == f"{100 * failed:.0f}"
-            assert texts[x, y].get_weight() == ("bold" if failed <= 0.05 else "normal")

@@ -165,57 +165,6 @@ def test_tables_hold_what_plain_python_finds(table_of_two_kinds, written):
         assert {row[0]: row[1:] for row in rows}[base] == ["+0 %", "+0 %"]
 
 
-@pytest.mark.full
-@pytest.mark.kernel
-def test_gains_of_their_own_and_the_choice_are_those_of_plain_python(short, written, monkeypatch):
-    monkeypatch.setattr(front, "groups", lambda: [[kinds.STEPPED], [kinds.HEATING]])
-    own, by_simc = front.run_front(3)
-    front.write_front(own, by_simc)
-    ours = np.asarray(front.other_valves(3)["kp"])
-    assert not np.isin(ours, np.asarray(runs.population()["kp"])).any()
-    title, (head, *rows) = written("remedies_tuned")
-    assert "3 other valves, 2 other days" in title
-    shown = [(name, price) for name in front.MAIN for price in front.SHOWN]
-    assert [row[:2] for row in rows] == [[remedies_tables.LABELS[n], f"{p:g}"] for n, p in shown]
-    against_own = {(name, price): row[4] for row, (name, price) in zip(rows, shown, strict=True)}
-    assert {against_own["pi", price] for price in front.SHOWN} == {"0"}
-    _, (_, *rows) = written("remedies_choice")
-    names = {text: name for name, text in remedies_tables.LABELS.items()}
-    for _, label, error, cost in rows:
-        base = {m: [x for ds in by_simc.values() for x in ds[m].sel(controller="PI by SIMC").values.ravel()]
-                for m in ("rmse", "motor_travel")}  # fmt: skip
-        name = "PI by SIMC" if names[label] == "pi" else names[label]
-        of_row = {m: [x for ds in by_simc.values() for x in ds[m].sel(controller=name).values.ravel()]
-                  for m in ("rmse", "motor_travel")}  # fmt: skip
-        ratios = [a / b for a, b in zip(of_row["rmse"], base["rmse"], strict=True)]
-        assert error == f"{100 * statistics.mean(ratios) - 100:+.0f} %"
-        travels = [max(a, 0.1) / max(b, 0.1) for a, b in
-                   zip(of_row["motor_travel"], base["motor_travel"], strict=True)]  # fmt: skip
-        dear = [r * t**0.1 for r, t in zip(ratios, travels, strict=True)]
-        assert cost == f"{100 * statistics.mean(dear) - 100:+.0f} %"
-
-
-@pytest.mark.kernel
-def test_each_imperfection_acts_and_is_compared_with_its_own_plain_pi(short, written, monkeypatch):
-    gains = xr.Dataset({"kp": 0.06, "ti": 30.0, "plant_gain": 12.0})
-    monkeypatch.setattr(remedies, "simc_gains", lambda loop, kind: gains)
-    found = remedies.run_valves(4)
-    plain = {name: of_kinds[kinds.STEPPED].rmse.sel(controller="PI by SIMC") for name, of_kinds in found.items()}
-    assert len(found) == 5
-    for name in list(found)[1:]:
-        assert not np.array_equal(plain[name].values, plain["play alone"].values), name
-    remedies.write_valves(found)
-    _, (head, first, *rows) = written("remedies_valves")
-    assert head == ["remedy", *found]
-    assert first[1] == "+0 %, × 1.00"
-    for row, remedy in zip(rows, remedies.OF_VALVES[1:], strict=True):
-        for cell, of_kinds in zip(row[1:], found.values(), strict=True):
-            shares = [c for ds in of_kinds.values() for c in changes(ds, remedy, "PI by SIMC")]
-            assert cell.split(" ")[0] == f"{100 * statistics.mean(shares):+.0f}"
-    places = [[int(row[column].split(", ")[-1].rstrip(".")) for row in rows] for column in range(1, 6)]
-    assert all(len(set(of_variant)) == len(rows) for of_variant in places)
-
-
 @pytest.mark.kernel
 def test_behind_the_gains_as_found_remedies_are_compared_with_them(short, written, monkeypatch):
     monkeypatch.setattr(remedies, "simc_gains", lambda loop, kind: xr.Dataset({"plant_gain": 12.0}))

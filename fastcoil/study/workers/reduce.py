@@ -77,7 +77,7 @@ def _call(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
 def _is_storable(made: xr.Dataset) -> bool:
     """Whether a file gives a Dataset back as it is."""
     try:
-        back = load(netcdf_bytes(made))
+        back = load(bytes(netcdf_bytes(made)))
     except Exception:  # the libraries raise many things at what they cannot write
         return False
     return back.identical(made) and all(str(name).isidentifier() for name in (*made.variables, *made.dims))

@@ -38,40 +38,6 @@ def test_tunings_differ_in_nothing_but_their_gains_and_what_the_gains_are_for():
     assert varied == {*grid.GAINS, *grid.PLANT}
 
 
-@pytest.mark.full
-def test_the_best_gains_have_the_lowest_error_of_those_that_do_not_hunt_without_backlash(monkeypatch):
-    """Against a search with one loop at a time."""
-    kp, ti = (0.03, 0.15, 0.4), (8.0, 100.0)
-    monkeypatch.setattr(grid, "BEST_KP", np.array(kp))
-    monkeypatch.setattr(grid, "BEST_TI", np.array(ti))
-    monkeypatch.setattr(grid, "SEARCH_DAYS", (7,))
-    found = grid.best_gains(few("paper_like", "lbnl"), TWO_KINDS)
-    for preset in ("paper_like", "lbnl"):
-        costs = {"best PI": {}, "best inverse": {}}
-        for K in kp:
-            for T in ti:
-                loop = fc.Loop.preset(preset).assign(kp=K, ti=T, noise_std=grid.SEARCH_NOISE)
-                tries = {
-                    "no backlash": loop.assign(backlash=0.0),
-                    "best PI": loop.assign(backlash=0.07),
-                    "best inverse": loop.assign(
-                        backlash=0.07, estimate_ratio=0.95, buffer=grid.BUFFER_SIGMAS * grid.SEARCH_NOISE * K
-                    ),
-                }
-                ran = {
-                    name: [fc.simulate(one, make(8, [7]), seed=grid.SEED) for make in TWO_KINDS.values()]
-                    for name, one in tries.items()
-                }
-                if not any(bool(ds.hunts.any()) for ds in ran["no backlash"]):
-                    for name, tried in costs.items():
-                        tried[K, T] = [float(ds.rmse.mean()) for ds in ran[name]]
-        assert costs["best PI"]
-        for name, tried in costs.items():
-            least = np.min(list(tried.values()), axis=0)
-            best = min(tried, key=lambda gains, tried=tried, least=least: np.mean(np.array(tried[gains]) / least))
-            assert tuple(float(found[name][n].sel(tuning=preset)) for n in grid.GAINS) == best
-
-
 def test_a_kind_of_day_with_large_errors_counts_no_more_than_one_with_small_ones():
     error = xr.DataArray([[[[1.0], [1.2], [np.nan]]], [[[0.2], [0.1], [0.05]]]], dims=("kind", "day", "kp", "ti"))
     cost = grid.relative_cost(error).values.ravel()
@@ -139,19 +105,6 @@ def test_a_design_day_is_milder_than_the_extreme_and_differs_by_seed():
     given = fc.design_day(hours=8, T_design=grid.EXTREME[0], T_wet_bulb=grid.EXTREME[1])
     for name in ("T_a_in", "W_a_in"):
         np.testing.assert_array_equal(given.series[name], fc.design_day(hours=8).series[name])
-
-
-def test_the_arithmetic_of_the_three_hours_is_what_happens(folder):
-    literal = load(folder / "fig12.nc").sel(rule="literal")
-    for hours, words, times in (
-        (4.5, "= 4.5 h", literal.learn_time_reached),
-        (5.5, "5.5 h until", literal.learn_time_confirmed),
-    ):
-        assert words in grid.arithmetic()
-        np.testing.assert_array_equal(times, 3600.0 * hours)
-    before = literal.estimate.sel(elapsed_time=slice(0, grid.THREE_HOURS - 1)).max("elapsed_time")
-    np.testing.assert_allclose(before, 0.042)
-    assert "4.2 % at most" in grid.arithmetic()
 
 
 def test_switches_of_the_figure_are_those_of_the_metric(folder):

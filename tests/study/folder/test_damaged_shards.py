@@ -99,13 +99,6 @@ def test_a_shard_of_another_study_is_quarantined(broken_off, tmp_path):
     assert quarantined(broken_off) == [foreign.name]
 
 
-def test_a_shard_of_the_same_study_cut_otherwise_is_taken_for_what_it_adds(broken_off, monkeypatch):
-    first = xr.load_dataset(shards(broken_off)[0])
-    data = netcdf_bytes(first.isel(scenario=slice(1, 3)))
-    (broken_off / "shards" / named(data, 1)).write_bytes(data)
-    assert resume(broken_off) == []
-
-
 @pytest.mark.parametrize(
     "forge",
     [
@@ -167,14 +160,6 @@ def test_foreign_files_among_the_shards_are_kept_in_quarantine(broken_off):
     assert (broken_off / "quarantine" / "folder" / "inside").read_text() == "mine too"
 
 
-def test_what_is_quarantined_twice_is_kept_twice(broken_off):
-    for text in ("one", "two"):
-        (broken_off / "shards" / "notes.txt").write_text(text)
-        with pytest.warns(UserWarning, match=r"notes\.txt is no shard"):
-            list(shards_of(broken_off).read(quarantine=True))
-    assert quarantined(broken_off) == ["notes.txt", "notes.txt.2"]
-
-
 def test_a_file_that_joins_the_shards_of_a_finished_study_is_not_deleted_with_them(broken_off, monkeypatch):
     monkeypatch.setattr(Shards, "discard", lambda _: None)  # as if it were killed there
     run(PLAIN, broken_off)
@@ -188,11 +173,6 @@ def test_half_written_files_of_a_killed_run_are_no_damage_and_are_removed(broken
     for place in (broken_off, broken_off / "shards"):
         (place / ".results.nc.1.tmp").write_bytes(b"half")
     assert verify(broken_off) == []
-    assert resume(broken_off) == []
-
-
-def test_a_deleted_shard_is_run_again(broken_off):
-    shards(broken_off)[0].unlink()
     assert resume(broken_off) == []
 
 

@@ -84,19 +84,6 @@ def test_a_sound_file_that_cannot_be_opened_is_not_called_damaged(copied, monkey
     assert verify(copied) == []
 
 
-def test_results_for_which_there_is_no_memory_are_not_called_damaged(copied, monkeypatch):
-    ds = fc.open_study(copied)
-
-    def refuse(*_):
-        raise MemoryError
-
-    monkeypatch.setattr(netcdf, "load", refuse)
-    monkeypatch.setattr(netcdf, "parse", refuse)
-    for read in (lambda: fc.open_study(copied), lambda: final.find_variable_problems(ds, copied)):
-        with pytest.raises(StorageError, match="the memory ran out"):
-            read()
-
-
 def test_damaged_traces_are_found_when_they_are_read_and_metrics_stay_readable(copied):
     path = traces_of(copied)
     good = path.read_bytes()
@@ -171,13 +158,6 @@ def test_lazy_traces_give_what_loaded_ones_give(finished):
     assert pickle.loads(pickle.dumps(lazy)).load().identical(loaded)
     assert lazy.chunk({"day": 1}).load().identical(loaded)
     assert lazy.copy(deep=True).load().identical(loaded)
-
-
-def test_results_are_saved_by_a_user_with_their_traces(finished, tmp_path):
-    ds = fc.open_study(finished)
-    ds.to_netcdf(tmp_path / "mine.nc")
-    with xr.open_dataset(tmp_path / "mine.nc", decode_timedelta=False) as mine:
-        assert mine["T_sup"].equals(ds["T_sup"])
 
 
 def test_opened_results_leave_no_file_open(finished):

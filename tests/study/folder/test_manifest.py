@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 from helpers.studies import (
     DAYS,
@@ -24,7 +23,6 @@ from helpers.studies import (
 )
 
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.loops import plan
 from fastcoil.model.numerics.jit import compiled_for
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
@@ -137,12 +135,6 @@ def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(
     assert quarantined(broken_off) == done
 
 
-def test_an_extension_of_a_run_without_shards_starts_from_scratch(out):
-    copied(PLAIN, out, 1)
-    shards(out)[0].unlink()
-    resume(out, larger(PLAIN), extend=True)
-
-
 def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
     copied(TRACED, out)
     run_until_interrupted(larger(TRACED), out, 1, extend=True)
@@ -188,15 +180,6 @@ def test_an_edited_run_json_is_found_by_its_checksum(out):
             what(out)
     path.unlink()
     resume(out)
-
-
-@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
-def test_shards_that_span_days_go_on_where_shards_of_a_day_ended(out, text, monkeypatch):
-    run_until_interrupted(text, out, 1)
-    monkeypatch.setattr(plan, "_SHARDS_PER_WORKER", 0.1)
-    rest = write_study(text, out).plan.shards(1, np.arange(4, 4 * DAYS))
-    assert [shard.size for shard in rest] == [4 * (DAYS - 1)]
-    assert resume(out, text) == []
 
 
 # --- where it was computed --------------------------------------------------------------------------------------------
