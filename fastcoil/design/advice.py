@@ -252,13 +252,13 @@ _RANKS = {INVERSE: 1, BOTH: 1, DEAD_BAND: 3, REPAIRED: 4}
 too large; a dead band hides the swing, a repair is no setting."""
 
 
-def advise(options: Sequence[Option], *, holds: bool = True) -> Advice:
+def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE") -> Advice:
     """Choose an option and say so.
 
     Where the loop hunts, the first rank with an option that does not, and its least error; where it does not, only what
     takes 5 % off the error.
 
-    options: the loop as it is first.  holds: whether the loop holds its set-point as it is.
+    options: the loop as it is first.  holds: whether the loop holds its set-point as it is.  error: its name.
     """
     now = options[0]
 
@@ -268,7 +268,7 @@ def advise(options: Sequence[Option], *, holds: bool = True) -> Advice:
 
     def effect(k: int, words: str = "") -> str:
         moved = f", motor travel × {number(options[k].travel / now.travel)}" if now.travel > 0.0 else ""
-        return f"{words or options[k].words}: RMSE {100 * (options[k].error / now.error - 1.0):+.0f} %{moved}."
+        return f"{words or options[k].words}: {error} {100 * (options[k].error / now.error - 1.0):+.0f} %{moved}."
 
     able = [k for k, one in enumerate(options) if k and math.isfinite(one.error) and not one.hunts]
     better = [k for k in able if options[k].error < BETTER * now.error]

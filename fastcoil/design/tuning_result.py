@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,8 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, mark_logarithms, wrapped
 from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.base.text import aligned
-from fastcoil.design.measures import CHANGE, Limit, Measure
+from fastcoil.design.advice import Option, advise
+from fastcoil.design.measures import CHANGE, HUNTS, Limit, Measure
 from fastcoil.design.tuning_plan import ONE_OF, Asked
 from fastcoil.loops.labels import quantity
 from fastcoil.model.parameter_table import PARAMETERS
@@ -26,7 +27,17 @@ if TYPE_CHECKING:
 
 NOW, CHOSEN, SIMC = "now", "chosen", "simc"
 _FEW_VALVES, _FEW_DAYS = 20, 3
+_MAY_HUNT = 0.05  # share of valves and days above which a population counts as hunting
 _IN_THE_TAIL = 3  # valves held out that should lie above a quantile, or it is little more than the worst of them
+
+
+def _broken(limits: Sequence[Limit], held_out: xr.Dataset) -> Iterator[tuple[Limit, float, float]]:
+    """The limits that the choice breaks on the hold-out, with what it does there and the most that is allowed."""
+    for limit in limits:
+        value, now = (float(held_out[limit.measure.name].sel(tuning=t, edge="value")) for t in (CHOSEN, NOW))
+        most = now if limit.as_now else limit.most
+        if not value <= most:
+            yield limit, value, most
 
 
 def notes_on(
@@ -38,14 +49,10 @@ def notes_on(
         notes.append(
             "No tuning in these ranges keeps every limit: widen the ranges, raise a limit, or mend the valves."
         )
-    for limit in asked.limits:
-        value, now = (float(held_out[limit.measure.name].sel(tuning=t, edge="value")) for t in (CHOSEN, NOW))
-        most, words = (now, ", what it is there now") if limit.as_now else (limit.most, "")
-        if not value <= most:
-            there, allowed = limit.measure.shown(value), limit.measure.shown(most)
-            notes.append(
-                f"The hold-out breaks a limit: {limit.measure.words}, is {there} there, above {allowed}{words}."
-            )
+    for limit, value, most in _broken(asked.limits, held_out):
+        there = f"{limit.measure.shown(value)} there, above {limit.measure.shown(most)}"
+        words = ", what it is there now" * limit.as_now
+        notes.append(f"The hold-out breaks a limit: {limit.measure.words}, is {there}{words}.")
     low, high = (float(held_out[CHANGE].sel(tuning=CHOSEN, edge=edge)) for edge in ("low", "high"))
     if low > 0.0:
         notes.append("On the hold-out the objective is worse than now.")
@@ -168,6 +175,8 @@ class Tuning(Result):
         What was sought, what was limited.
     axes
         Error and travel that the front is made of.
+    advice
+        What to do, in a sentence.
     notes
         What to mind: a limit broken on the hold-out, an end of a range reached, what the population lacks.
     """
@@ -183,21 +192,38 @@ class Tuning(Result):
     notes: tuple[str, ...]
     axes: tuple[Measure, Measure]
 
-    def summary(self) -> list[str]:
-        """The tuning in words, and a table of now and chosen, line by line."""
-        chosen = ", ".join(
+    @property
+    def advice(self) -> str:
+        """What to do, in a sentence: nothing, unless the choice keeps its limits and is better beyond chance."""
+        may_be_chance = float(self.held_out[CHANGE].sel(tuning=CHOSEN, edge="high")) >= 0.0
+        if not self.meets_limits or may_be_chance or any(_broken(self.limits, self.held_out)):
+            return f"Leave it: {self.notes[0][0].lower()}{self.notes[0][1:]}"
+        options = []
+        for name, words in ((NOW, "as it is"), (CHOSEN, self._settings)):
+            at = self.held_out.sel(tuning=name, edge="value")
+            error, travel = (float(at[measure.name]) for measure in (self.objective, self.axes[1]))
+            hunts = any(float(at[measure]) > _MAY_HUNT for measure in at.data_vars if str(measure).startswith(HUNTS))
+            options.append(Option(name, words, error, travel, hunts))
+        return advise(options, error=self.objective.words).text
+
+    @property
+    def _settings(self) -> str:
+        return ", ".join(
             f"{name} = {value_of(name, value)} {quantity(name).unit.removesuffix('%')}".rstrip()
             for name, value in self.parameters.items()
         )
+
+    def summary(self) -> list[str]:
+        """The tuning in words, and a table of now and chosen, line by line."""
         head = "Chosen" if self.meets_limits else "No tuning keeps the limits; nearest to them"
-        lines = [f"{head}: {chosen} ({self.evaluations.sizes['evaluation']:,} tunings tried)", ""]
+        lines = [f"{head}: {self._settings} ({self.evaluations.sizes['evaluation']:,} tunings tried)", ""]
         for title, ds in (("Held out", self.held_out), ("Searched on", self.trained)):
             rows = aligned(table_rows(ds, self.limits))
             lines += [f"{title}: {ds.attrs['group']}", *(f"  {row}" for row in rows), ""]
         value, low, high = self.held_out[CHANGE].sel(tuning=CHOSEN).values
         goal = next(iter(self.held_out.data_vars.values())).attrs["long_name"]
         interval = "" if math.isnan(low) else f" ({low:+.0%} to {high:+.0%} for other valves and days)"
-        return [*lines, f"Held out, {goal}: {value:+.0%} against now{interval}", *self.notes]
+        return [*lines, f"Held out, {goal}: {value:+.0%} against now{interval}", self.advice, *self.notes]
 
     def plot(self) -> Figure:
         """The front and what the hold-out makes of it, as a matplotlib ``Figure``."""

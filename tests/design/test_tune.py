@@ -1,5 +1,7 @@
 """``fc.tune``: it finds what a grid finds, and its numbers are those of simulations on either side of the hold-out."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -102,6 +104,9 @@ def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, found):
     steady = {name: np.repeat(values[:, None], 2000, axis=1) for name, values in means.items()}
     gains = fc.linearise(group.loop, fc.Boundary(**steady, day=days.day))
     own = group.loop.assign(kp=gains.kp_simc.median("day"), ti=gains.ti_simc.median("day"))
+    first, second = (found.evaluations.isel(evaluation=k) for k in (0, 1))
+    assert (float(first.kp), float(first.ti)) == (0.03, 8.0), "the search begins with the loop's own gains"
+    assert float(second.kp) == pytest.approx(float(np.median(own["kp"])), rel=1e-3), "then SIMC's"
     of = fc.simulate(own, group.boundary, n_jobs=1, **HOW)
     assert float(found.trained.rmse_p95.sel(tuning="simc", edge="value")) == pytest.approx(
         p95(of.rmse.values), rel=1e-6
@@ -131,6 +136,7 @@ def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, day
     assert not tuned.meets_limits
     assert "No tuning keeps the limits" in tuned.summary()[0]
     assert any(note.startswith("No tuning in these ranges") for note in tuned.notes)
+    assert tuned.advice.startswith("Leave it: no tuning in these ranges keeps every limit")
     assert any(note.startswith("The hold-out breaks a limit") for note in tuned.notes)
     assert any("lies at the lower end of its range: the best may lie beyond" in note for note in tuned.notes)
     tuned.to_toml(tmp_path / "tuning.toml")
@@ -140,6 +146,19 @@ def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, day
 def test_what_was_chosen_can_be_included_in_a_study(found, tmp_path):
     found.to_toml(tmp_path / "tuning.toml")
     assert read_includes({"include": ["tuning.toml"]}, tmp_path) == found.parameters
+
+
+def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the_hold_out(found):
+    settings = f"kp = {found.parameters['kp']!r} 1/K, ti = {found.parameters['ti']!r} s"
+    change = float(found.held_out.change.sel(tuning="chosen", edge="value"))
+    assert f": {settings}: RMS error [K], 95 % quantile {100 * change:+.0f} %, motor travel × " in found.advice
+    assert found.advice in found.summary()
+    travel = float(found.held_out.motor_travel_p95.sel(tuning="chosen", edge="value"))
+    tight = dataclasses.replace(found, limits=(found.limits[0]._replace(most=0.99 * travel),))
+    worse = dataclasses.replace(found, held_out=found.held_out.assign(change=found.held_out.change + 2.0))
+    for one in (tight, worse, dataclasses.replace(found, meets_limits=False)):
+        assert one.advice.startswith("Leave it: ")
+        assert settings not in one.advice
 
 
 def test_an_objective_that_no_tuning_has_is_refused(days):

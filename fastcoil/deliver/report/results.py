@@ -233,7 +233,7 @@ def tuning_page(t: Tuning) -> Page:
     broken = "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
     warnings = [*([] if t.meets_limits else [broken]), *t.notes]
     first, *lines = t.summary()
-    answer = [first, next(line for line in lines if line.startswith("Held out, "))]
+    answer = [first, next(line for line in lines if line.startswith("Held out, ")), t.advice]
     title = "Tuning of " + ", ".join(quantity(name).text for name in t.parameters)
     question = "Which settings suit all these valves and days, and what do they do on valves and days not searched on?"
     return Page("Tuning", title, question, warnings, answer, sections, content_sha256(t.evaluations))
