@@ -12,7 +12,7 @@ from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
-SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.2]\n[boundary]\nhours = 1\n"
+SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.0, 1.2]\n[boundary]\nhours = 1\n"
 
 
 @pytest.fixture(scope="module")
@@ -119,9 +119,14 @@ def test_labels_are_fixed_and_changes_are_told_in_the_name_and_in_the_heading(fo
     assert "change of RMS error [%]" in shown
 
 
-def test_a_plain_pi_and_an_inverse_have_rows_of_their_own(folder, tmp_path):
-    assert plot(folder, "-x", "backlash", "--metric", "rmse", "-o", tmp_path / "rows.svg").exit_code == 0
+def test_a_plain_pi_and_an_inverse_have_rows_of_their_own_and_labels_without_one_are_counted(folder, tmp_path):
+    words = ("-x", "backlash", "--metric", "rmse", "-o", tmp_path / "rows.svg")
+    drawn = plot(folder, *words)
+    assert drawn.exit_code == 0
+    assert "Left out: 1 of 4 labels; choose with --at estimate_ratio=LABEL." in drawn.output
+    assert "Left out" not in plot(folder, *words, "--at", "estimate_ratio=0", "--at", "estimate_ratio=1.2").output
+    assert plot(folder, *words).exit_code == 0
     text = (tmp_path / "rows.svg").read_text()
-    for words in ("estimate / backlash = 0 %, plain PI", "estimate / backlash = 50 %", "estimate / backlash = 120 %"):
+    for words in ("estimate / backlash = 0 %, plain PI", "estimate / backlash = 100 %", "estimate / backlash = 120 %"):
         assert words in text
     assert "0 being the plain PI" not in text
