@@ -77,7 +77,10 @@ def _output(stream: TextIO | None, descriptor: int) -> Output:
     if stream is None:  # the descriptor was closed when the interpreter started
         return Output(descriptor, OSError(errno.EBADF, os.strerror(errno.EBADF)))
     # a duplicate: if a study's code closes the original, a result file could get its number
-    return Output(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_OF_OURS))
+    try:
+        return Output(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_OF_OURS))
+    except OSError:  # fewer files may be open than that
+        return Output(descriptor)
 
 
 def _text(output: Output, before: TextIO | None) -> TextIO:

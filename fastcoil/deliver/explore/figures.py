@@ -154,9 +154,9 @@ def _edges(backlash: float) -> dict[str, list[float]]:
 
 
 class MapFigure:
-    """The map; cells lie at 0, 1, 2, … whatever the parameter.  on_tap: called with the cell clicked, x first."""
+    """The map; cells lie at 0, 1, 2, … whatever the parameter.  on_tap: called with the place clicked, x first."""
 
-    def __init__(self, on_tap: Callable[[int, int], None]) -> None:
+    def __init__(self, on_tap: Callable[[object, object], None]) -> None:
         self._cells = ColumnDataSource({name: [] for name in ("x", "y", "value", "at_x", "at_y")}, name="cells")
         self._point = ColumnDataSource({"x": [], "y": []}, name="here")
         self._shown: tuple[Map, str] | None = None
@@ -175,7 +175,7 @@ class MapFigure:
         )  # fmt: skip
         self.fig.add_layout(self._bar, "right")
         self.fig.add_tools(HoverTool(renderers=[drawn], tooltips=[("", "@value{0.00} K at @at_x, @at_y")]))
-        self.fig.on_event(Tap, lambda event: on_tap(round(event.x), round(event.y)))
+        self.fig.on_event(Tap, lambda event: on_tap(event.x, event.y))
         self.fig.grid.visible = False
 
     def show(self, found: Map, settings: Settings) -> bool:

@@ -14,7 +14,7 @@ from bokeh.document import Document, without_document_lock
 from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import Button, CategoricalSlider, Column, ColumnDataSource, CustomJS, InlineStyleSheet, Row, Select
 
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, shown
 from fastcoil.deliver.explore import words
 from fastcoil.deliver.explore.figures import LoopFigures, MapFigure
 from fastcoil.deliver.explore.loop import AXES, Map, Model, Run
@@ -81,9 +81,8 @@ class Page:
         self._doc, self._model, self._pool = doc, model, pool
         arguments = doc.session_context.request.arguments
         query = {name: values[-1].decode(errors="replace") for name, values in arguments.items()}
-        self._settings, problems = read_query(query, model.starts, model.first)
+        self._settings, self._problems = read_query(query, model.starts, model.first)
         self._begin = self._settings
-        self._problems = [*problems, "The rest of the link is shown."] if problems else []
         self._working, self._turns = False, 0
         names = (*_TEXTS, "phase", "query", "python", "toml", "turn")
         self._texts = ColumnDataSource({name: [""] for name in names}, name="texts")
@@ -102,33 +101,45 @@ class Page:
         for name, menu in self._menus.items():
             menu.on_change("value", partial(self._chosen, name))
         self._put_together(first_words)
+        self._wait()
         self._say(headline=first_words)
-        self._move(self._settings)
+        # a request alone computes nothing: a page that is shown asks for it
+        doc.on_event(DocumentReady, lambda _: self._move(self._settings))
 
     # --- moves --------------------------------------------------------------------------------------------------------
 
     def _turned(self, name: str, _attribute: str, _old: str, text: str) -> None:
-        value: Any = self._steps[name][text]
-        if value != getattr(self._settings, name):
-            self._move(replace(self._settings, **{name: value}))
+        steps = self._steps[name]
+        if text not in steps:
+            self._take_back(f"{DIALS[name].label} = {shown(text)}: choose a value from {[*steps][0]} to {[*steps][-1]}")
+        elif steps[text] != getattr(self._settings, name):
+            self._move(replace(self._settings, **{name: steps[text]}))  # type: ignore[arg-type]
 
     def _chosen(self, name: str, _attribute: str, _old: str, word: str) -> None:
         settings, changed = self._settings, {name: word}
-        if word == getattr(settings, name):
-            return
-        if name == "loop":
-            changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
-            settings = settings_of(word, self._model.starts[word])
-        self._move(replace(settings, **changed))  # type: ignore[arg-type]
+        words = dict(self._menus[name].options)
+        if word not in words:
+            self._take_back(f"{self._menus[name].title} = {shown(word)}: choose one of {', '.join(words)}")
+        elif word != getattr(settings, name):
+            if name == "loop":
+                changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
+                settings = settings_of(word, self._model.starts[word])
+            self._move(replace(settings, **changed))  # type: ignore[arg-type]
 
-    def _go(self, i: int, j: int) -> None:
+    def _go(self, x: object, y: object) -> None:
         """To a cell of the map, at the nearest steps of its dials."""
         changed: Any = {}
-        for k, (name, values) in zip((i, j), AXES[self._settings.axes].items(), strict=True):
-            if not 0 <= k < len(values):
+        for at, (name, values) in zip((x, y), AXES[self._settings.axes].items(), strict=True):
+            if not isinstance(at, (int, float)) or not -0.5 <= at < len(values) - 0.5:
                 return
-            changed[name] = min(self._steps[name].values(), key=lambda step: abs(step - values[k]))  # noqa: B023
+            value = values[round(at)]
+            changed[name] = min(self._steps[name].values(), key=lambda step: abs(step - value))  # noqa: B023
         self._move(replace(self._settings, **changed))
+
+    def _take_back(self, problem: str) -> None:
+        """Say why a control cannot be set so, and set it back."""
+        self._problems = [problem]
+        self._move(self._settings)
 
     def _move(self, settings: Settings) -> None:
         """Show other settings, as soon as they are computed."""
@@ -203,7 +214,7 @@ class Page:
         start = self._model.starts[settings.loop]
         self._say(
             headline=words.headline(run), learning=words.learning(run), prediction=words.prediction(run),
-            outcome=words.outcome(run), query=query_of(settings, self._model.starts, self._model.first),
+            outcome=words.outcome(run), query=query_of(settings, self._model.starts),
             python=words.python_lines(settings, start), toml=words.study_file(settings, start), phase="map",
         )  # fmt: skip
 

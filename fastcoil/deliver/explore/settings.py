@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
+
+import numpy as np
 
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.loops.boundary import Boundary
@@ -151,31 +154,55 @@ def words_of(name: str, start: Start) -> dict[str, str]:
     return {word: text for word, text in CHOICES[name].words.items() if not (without and word == "own")}
 
 
-def query_of(settings: Settings, starts: Mapping[str, Start], first: str) -> str:
-    """The query of a link: what differs from the loop as it was given.  first: the loop of a link without a query."""
-    usual = asdict(settings_of(settings.loop, starts[settings.loop])) | {"loop": first}
+def query_of(settings: Settings, starts: Mapping[str, Start]) -> str:
+    """The query of a link: the loop, and what differs from it as it was given."""
+    start = starts[settings.loop]
+    usual = asdict(settings_of(settings.loop, start))
     differs = {name: value for name, value in asdict(settings).items() if value != usual[name]}
-    return urlencode({name: f"{value:g}" if isinstance(value, float) else value for name, value in differs.items()})
+    texts = {
+        name: repr(value).removesuffix(".0") if isinstance(value, float) else value for name, value in differs.items()
+    }
+    return urlencode({"loop": _link_of(settings.loop, start)} | texts)
+
+
+def _link_of(name: str, start: Start) -> str:
+    """The name of a loop in a link; that of a study has a checksum of its numbers and its day."""
+    if start.day is None:
+        return name
+    numbers = repr((start.loop.constants, start.warm_up, start.seed)).encode()
+    sums = [zlib.crc32(np.ascontiguousarray(series).tobytes()) for series in start.day.series.values()]
+    return f"{name}-{zlib.crc32(numbers + repr(sums).encode()):08x}"
 
 
 def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str) -> tuple[Settings, list[str]]:
-    """The settings of a link, and a sentence for each mistake in it; a mistaken value is ignored."""
-    problems: list[str] = []
-    name = query.get("loop", first)
-    if name not in starts:
-        known = ", ".join(one for one in starts if one != GIVEN)
-        problems.append(f"loop = {shown(name)}: unknown{nearest(name, starts)}; choose one of {known}")
-        name = first
+    """The settings of a link, and a sentence for each mistake in it; a mistaken value is ignored.
+
+    first: the loop of a link that names none.
+    """
+    links = {_link_of(name, start): name for name, start in starts.items()}
+    asked = query.get("loop")
+    name = links.get(asked or "", first)
     usual = settings_of(name, starts[name])
+    if asked is not None and asked not in links:
+        known = ", ".join(one for one in starts if one != GIVEN)
+        problem = f"loop = {shown(asked)}: unknown{nearest(asked, links)}; choose one of {known}"
+        if asked.startswith(GIVEN):
+            problem = (
+                f"loop = {shown(asked)}: the loop of another study, or of one that has changed: explore that study"
+            )
+        return usual, [problem, f"The link is not shown, but {starts[name].title}."]
+    problems: list[str] = []
     values: dict[str, Any] = {}
     for key, text in query.items():
-        if key == "loop":
-            continue
         try:
-            values[key] = _word(key, text, starts[name]) if key in CHOICES else _number(key, text, usual)
+            if key != "loop":
+                values[key] = _word(key, text, starts[name]) if key in CHOICES else _number(key, text, usual)
         except InputError as error:
             problems += error.problems
-    return replace(usual, **values), problems
+    rest = ["The rest of the link is shown."] if problems else []
+    if values and asked is None:
+        rest.append(f"The link names no loop: its values are those of {starts[name].title} here.")
+    return replace(usual, **values), [*problems, *rest]
 
 
 def _word(name: str, text: str, start: Start) -> str:

@@ -1,7 +1,12 @@
 """The page of ``fastcoil explore`` in a real browser: it follows what is moved, and asks nobody else for anything."""
 
+import functools
+import os
 import signal
+import threading
 import time
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -62,7 +67,7 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     press(page, TI, 7)
     assert text_of(page, "headline").startswith("The loop does not hunt")
     assert text_of(page, "outcome").startswith("Simulated: does not hunt")
-    assert "?ti=40" in page.current_url
+    assert "?loop=paper_like&ti=40" in page.current_url
     assert data_of(page, "traces", "T_sup") != traces
     assert data_of(page, "here", "x") != ring
     assert data_of(page, "cells", "value") == cells
@@ -76,15 +81,72 @@ def test_a_story_the_reset_and_links_right_and_wrong(program, page):
     link = page.current_url
     click(page, "Reset")
     assert text_of(page, "headline").startswith("The loop hunts")
-    assert page.current_url == program[1]
+    assert page.current_url == program[1] + "?loop=paper_like"
     page.get(link)
     settled(page)
     assert text_of(page, "headline").startswith("The motor chatters")
-    page.get(program[1] + "?backlash=300&ti=40")
+    page.get(program[1] + "?loop=paper_like&backlash=300&ti=40")
     settled(page)
     said = text_of(page, "problems")
     assert said == "backlash = '300': give a number from 0 to 0.15.  The rest of the link is shown."
     assert text_of(page, "headline").startswith("The loop does not hunt")
+
+
+SET = "Bokeh.documents[0].get_model_by_name(arguments[0]).value = arguments[1]"
+
+
+@pytest.mark.parametrize(
+    ("control", "value", "sentence"),
+    [
+        ("kp", "NaN", "Gain Kp = 'NaN': choose a value from 0.002 1/K to 0.15 1/K."),
+        ("ti", "1e400 s", "Integral time Ti = '1e400 s': choose a value from 4 s to 800 s."),
+        ("estimator", "__class__", "Learning = '__class__': choose one of none, learner, identify."),
+    ],
+)
+def test_what_no_control_has_is_refused_in_words_and_set_back(program, page, control, value, sentence):
+    before = settled(page)
+    kept = page.execute_script("return Bokeh.documents[0].get_model_by_name(arguments[0]).value", control)
+    page.execute_script(SET, control, value)
+    settled(page, before)
+    assert text_of(page, "problems") == sentence
+    assert page.execute_script("return Bokeh.documents[0].get_model_by_name(arguments[0]).value", control) == kept
+    assert program[0].poll() is None
+
+
+FOREIGN = """<title>foreign</title>
+<img src="{page}?kp=0.061"><script src="{page}autoload.js?bokeh-autoload-element=x"></script>
+<iframe src="{page}?kp=0.062"></iframe>
+<script>
+  window.said = []
+  fetch("{page}?kp=0.063", {{mode: "no-cors"}})
+  const socket = new WebSocket("{page}ws".replace("http", "ws"), ["bokeh", "x"])
+  socket.onopen = () => window.said.push("open")
+  socket.onerror = () => window.said.push("refused")
+</script>"""
+
+
+def test_a_foreign_page_makes_it_compute_nothing(program, driver, tmp_path):
+    (tmp_path / "index.html").write_text(FOREIGN.format(page=program[1]))
+    handler = functools.partial(SimpleHTTPRequestHandler, directory=tmp_path)
+    handler.log_message = lambda *_: None
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as foreign:
+        threading.Thread(target=foreign.serve_forever, daemon=True).start()
+        driver.get(program[1])
+        settled(driver)
+        time.sleep(1.0)
+        before = cpu_seconds(program[0].pid)
+        driver.get(f"http://localhost:{foreign.server_address[1]}/")
+        time.sleep(3.0)
+        assert driver.execute_script("return window.said") == ["refused"]
+        assert cpu_seconds(program[0].pid) - before < 0.2  # a page alone takes more
+        foreign.shutdown()
+    browsers.mistakes_of(driver)
+
+
+def cpu_seconds(pid):
+    """Time of the processor that a process has taken."""
+    times = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def test_readers_do_not_disturb_each_other(program, page):
@@ -114,7 +176,7 @@ def test_a_click_on_the_map_goes_there_and_nothing_is_asked_of_anybody_else(page
     actions.pointer_action.move_to_location(round(x), round(y)).click()
     actions.perform()
     settled(page, before)
-    assert "?kp=0.04&ti=100" in page.current_url
+    assert "?loop=paper_like&kp=0.04&ti=100" in page.current_url
     asked = [urlsplit(address) for address in browsers.requests_of(page)]
     assert {one.hostname for one in asked if one.scheme in ("http", "https", "ws", "wss")} == {"localhost"}
 

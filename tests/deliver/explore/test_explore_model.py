@@ -193,19 +193,34 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell):
 STARTS = starts()
 
 
-def read(query):
-    return read_query(dict(parse_qsl(query, keep_blank_values=True)), STARTS, "paper_like")
+def read(query, first="paper_like", known=STARTS):
+    return read_query(dict(parse_qsl(query, keep_blank_values=True)), known, first)
 
 
-def test_a_link_gives_the_settings_back():
+def test_a_link_gives_the_settings_back_whatever_is_shown_first():
     asked = [settings_of_story(story, STARTS) for story in STORIES]
     for name, start in STARTS.items():
         usual = settings_of(name, start)
         asked += [replace(usual, **{name: step}) for name, dial in DIALS.items() for step in dial.steps]
         asked += [replace(usual, **{name: word}) for name in CHOICES for word in words_of(name, start)]
-    for settings in asked:
-        assert read(query_of(settings, STARTS, "paper_like")) == (settings, [])
-    assert query_of(asked[1], STARTS, "paper_like") == ""
+    for settings in [*asked, replace(asked[0], kp=0.1 / 3.0)]:
+        for first in ("paper_like", "lbnl"):
+            assert read(query_of(settings, STARTS), first) == (settings, [])
+
+
+def test_a_link_to_the_loop_of_a_study_is_that_of_no_other(tmp_path):
+    path, loops = tmp_path / "mine.toml", []
+    for ti, seed in ((30, 1), (31, 1), (30, 2)):
+        path.write_text(f'[loop]\npreset = "lbnl"\nti = {ti}\n[boundary]\nhours = 1\nseed = {seed}\n')
+        loops.append(starts(one_scenario(path, {}, {})))
+    link = query_of(replace(settings_of("given", loops[0]["given"]), kp=0.05), loops[0])
+    settings, problems = read(link, "paper_like", loops[0])
+    assert (settings.loop, settings.kp, settings.ti, problems) == ("given", 0.05, 30.0, [])
+    for other in (STARTS, *loops[1:]):
+        settings, problems = read(link, "paper_like", other)
+        assert settings == settings_of("paper_like", STARTS["paper_like"])
+        assert "the loop of another study, or of one that has changed: explore that study" in problems[0]
+        assert problems[1:] == ["The link is not shown, but paper_like."]
 
 
 @pytest.mark.parametrize(
@@ -217,16 +232,25 @@ def test_a_link_gives_the_settings_back():
         ("ti=", "ti = '': give a number from 4 to 800"),
         ("ti=<script>", "ti = '<script>': give a number from 4 to 800"),
         ("day=own", "day = 'own': choose one of steps, constant, design"),
-        ("loop=lbln", "loop = 'lbln': unknown, did you mean 'lbnl'?; choose one of paper_like, paper_like_fast, lbnl"),
         ("backlas=0.1", "'backlas' is not a setting, did you mean 'backlash'?: leave it out"),
         ("m_a=1e400", "m_a = '1e400': give a number from 0.3 to 1.5"),
     ],
 )
 def test_a_link_with_a_mistake_is_refused_in_words_and_the_rest_is_shown(query, sentence):
-    settings, problems = read(f"{query}&noise_std=0.02")
-    assert len(problems) == 1
+    settings, problems = read(f"loop=lbnl&{query}&noise_std=0.02")
     assert problems[0].startswith(sentence)
-    assert settings == replace(settings_of("paper_like", STARTS["paper_like"]), noise_std=0.02)
+    assert problems[1:] == ["The rest of the link is shown."]
+    assert settings == replace(settings_of("lbnl", STARTS["lbnl"]), noise_std=0.02)
+
+
+def test_the_values_of_a_link_are_shown_with_the_loop_that_it_names_or_the_reader_is_told():
+    settings, problems = read("loop=lbln&kp=0.05")
+    assert settings == settings_of("paper_like", STARTS["paper_like"])
+    assert problems[0].startswith("loop = 'lbln': unknown, did you mean 'lbnl'?; choose one of paper_like, paper_like_")
+    assert problems[1:] == ["The link is not shown, but paper_like."]
+    settings, problems = read("kp=0.05", "lbnl")
+    assert settings == replace(settings_of("lbnl", STARTS["lbnl"]), kp=0.05)
+    assert problems == ["The link names no loop: its values are those of lbnl here."]
 
 
 def test_all_that_can_be_set_can_be_simulated_with_the_load_as_the_air_of_its_day():

@@ -4,6 +4,9 @@ import http.client
 import importlib.util
 import signal
 import socket
+import subprocess
+import sys
+import time
 from urllib.parse import urlsplit
 
 import pytest
@@ -50,9 +53,32 @@ def test_it_is_there_for_this_machine_alone(program):
     assert answer(address, "/ws", **HANDSHAKE, Origin=f"http://localhost:{port + 1}")[0] == 404
     assert answer(address, Origin="http://somebody.example")[0] == 404
     assert answer(address, Origin=f"http://localhost:{port}")[0] == 200
+    # a socket says where it comes from, and nobody else names a session
+    assert answer(address, "/ws", **HANDSHAKE)[0] == 404
+    assert answer(address, "/ws", **HANDSHAKE, Origin=f"http://localhost:{port}")[0] == 101
+    for path in ("/?bokeh-session-id=mine", "/?kp=0.05&bokeh-token=mine", "/autoload.js", "/metadata"):
+        assert answer(address, path)[0] == 404, path
+    assert answer(address, Bokeh_Session_Id="mine")[0] == 404
+    for taken_for in ("image", "iframe", "script", "empty"):
+        assert answer(address, Sec_Fetch_Dest=taken_for)[0] == 404
     # an address of this machine that is not the one served: one that listens everywhere would answer
     with pytest.raises(OSError):  # noqa: PT011 — refused, or not there at all
         socket.create_connection(("127.0.0.2", port), timeout=5)
+
+
+@pytest.mark.kernel
+def test_pages_are_limited_and_given_back_when_nobody_is_connected(program):
+    _, address = program
+    answers = [answer(address) for _ in range(30)]
+    assert {status for status, _ in answers} == {200, 503}
+    assert answers[-1] == (
+        503,
+        "20 pages of fastcoil explore are open: close one, and load this one again in half a minute.",
+    )
+    end = time.monotonic() + 60
+    while answer(address)[0] == 503 and time.monotonic() < end:
+        time.sleep(1)
+    assert answer(address)[0] == 200
 
 
 @pytest.mark.kernel
@@ -68,7 +94,9 @@ def test_a_port_that_is_taken_is_refused_in_a_sentence(program):
 def test_sigterm_ends_it_as_ctrl_c_does(program):
     process, _ = program
     process.send_signal(signal.SIGTERM)
-    assert process.communicate(timeout=30) == ("Ended.\n", "")
+    out, err = process.communicate(timeout=30)
+    assert out == "Ended.\n"
+    assert set(err.splitlines()) <= {"fastcoil: a request or message that is not of this page was refused"}
     assert process.returncode == 0
 
 
@@ -84,3 +112,12 @@ def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):
     found = CliRunner().invoke(main, ["explore", str(tmp_path / "mine.toml"), "--no-browser"])
     assert found.exit_code == 2
     assert "no such file, folder or preset" in found.output
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of open files")
+@pytest.mark.parametrize("files", [8, 40])
+def test_too_few_open_files_are_refused_in_a_sentence(files):
+    command = f'ulimit -n {files}; exec "{sys.executable}" -m fastcoil explore --no-browser --port 0'
+    ran = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=120, check=False)
+    assert (ran.returncode, "Traceback" in ran.stderr) == (2, False)
+    assert f"only {files} files may be open: allow 64 or more, with ulimit -n 64" in ran.stderr
