@@ -138,7 +138,8 @@ def join(
     from fastcoil.base.arguments import checking, number_of
     from fastcoil.logs.columns import max_gap_of
     from fastcoil.logs.join import join_points
-    from fastcoil.logs.timestamps import time_format_of, zone_of
+    from fastcoil.logs.timestamps import time_format_of
+    from fastcoil.loops.boundary.clock import time_zone_of
 
     if not files:
         raise InputError("give the files to join, such as command.csv T_sup.csv")
@@ -146,7 +147,7 @@ def join(
         step = check.unless_none(number_of, "--step", step, "give seconds, from 1 to 86400", least=1.0, most=86400.0)
         check(max_gap_of, max_gap)
         time_format = check.unless_none(time_format_of, "--time-format", time_format)
-        time_zone = check.unless_none(zone_of, "--time-zone", time_zone)
+        time_zone = check.unless_none(time_zone_of, "--time-zone", time_zone)
         check(_require_new, out)
     joined = join_points(
         files,

@@ -179,7 +179,6 @@ def _is_status(cell: str) -> bool:
 
 
 _OUTPUTS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
-_LONGEST_HEADER = 100  # characters of a header that a message repeats
 _MOST_NAMED = 3  # A message names this many unknown columns and counts the rest
 _FAR_ABOVE_1, _ROWS_LOOKED_AT = 11.0, 10_000
 _LEAST_OF_F, _MOST_OF_C = 32.0, 45.0  # numbers of °F, and of °C of air at a coil
@@ -213,7 +212,7 @@ def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
             which = "" if standing_in else f", or say which to read: {how.column_cure(given[0])}"
             table.problems.append(f"{' and '.join(given)} are both given: leave one out{which}")
         elif not given and not preferred and one not in wanted.optional:
-            table.problems.append(_missing(choices, how, _times_in(table) if one is TIMES else ""))
+            table.problems.append(_missing(choices, how))
     found = {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
     table.problems += [
         f"{one} and {other} are both read from the column {shown(table.header[found[one]])}: give each its own"
@@ -289,7 +288,9 @@ def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) 
     labels = [label_and_unit(cell)[0] for cell in table.header]
     time = table.time_column() if not {*TIMES} & {*labels, *found} else None
     if time is not None and (labels[time].lower() == "timestamp" or is_time(table.rows[0][time])):
-        found |= {"timestamp": time} if labels[time].lower() in TIME_HEADERS else {}
+        found["timestamp"] = time
+        if labels[time].lower() not in TIME_HEADERS:
+            table.notes.append(f"the times are in the column {shown(table.header[time])}")
     asked, of_status = set(how.columns or {}), status_columns(table)
     for column, cell in enumerate(table.header):
         label = labels[column]
@@ -322,20 +323,8 @@ def _unknown(cells: list[str], names: list[str], say_which: str) -> list[str]:
     return sentences
 
 
-def _times_in(table: Table) -> str:
-    """Header of the first column that begins with a date; empty if there is none."""
-    first = table.rows[0] if table.rows else []
-    return next((head for head, cell in zip(table.header, first, strict=False) if is_time(cell)), "")
-
-
-def _missing(choices: tuple[str, ...], how: Reading, times_in: str) -> str:
-    """A sentence that none of these columns exists, with every way to give one.
-
-    times_in: header of a column that looks like the missing time, else empty.
-    """
-    if times_in and len(times_in) <= _LONGEST_HEADER:
-        argument, option = f"columns={{'timestamp': {times_in!r}}}", f"--column timestamp={times_in!r}"
-        return f"timestamp is missing, and {shown(times_in)} has times: say so: {how.cure(argument, option)}"
+def _missing(choices: tuple[str, ...], how: Reading) -> str:
+    """A sentence that none of these columns exists, with every way to give one."""
     name, series = choices[0], COLUMNS[choices[0]]
     which = " or ".join((", ".join(choices[:-1]), choices[-1])) if len(choices) > 1 else name
     text = f"{which} is missing: add a column '{name} [{series.unit}]', or say which one it is: "

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, collecting
 from fastcoil.logs.columns import Reading, Wanted, find_columns
-from fastcoil.logs.pieces import RowTimes, longest_bridged, number_pieces, rows_at
+from fastcoil.logs.pieces import longest_bridged, number_pieces, read_times
 from fastcoil.logs.readings import fill_or_cut, question_units, read_columns, refuse_supersaturation
 from fastcoil.logs.series import COLUMNS
-from fastcoil.logs.table import Table, table_of, table_of_frame
+from fastcoil.logs.table import Table, table_of
 from fastcoil.model import moist_air
 
 _AS_IT_IS = Reading()
@@ -120,24 +120,21 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     wanted, how
         The series to read, and how to read them.
     """
-    if isinstance(source, (str, Path)):
-        table = Table.read(source)
-    elif hasattr(type(source), "iloc"):
-        table = table_of_frame(source)
-    else:
-        table = table_of(source, how.columns, COLUMNS)
+    table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, how.columns, COLUMNS)
     found = find_columns(table, how, wanted)
     stamped = "timestamp" in found
     if how.time_format is not None and not stamped:
         table.problems.append(f"time_format = {how.time_format!r}: it is for the column timestamp, which the log lacks")
     table.stop_if_wrong()
-    at = rows_at(table, found["timestamp"], how) if stamped else None
+    stamps = None
+    if stamped:
+        with collecting(table.problems):
+            stamps = read_times(table, found["timestamp"], how)
     readings = read_columns(table, found, how, wanted)
     question_units(table, readings, found, how)
     refuse_supersaturation(table, readings, how.constants or {})
     known = readings.known
-    at = at or RowTimes(known.get("elapsed_time", np.zeros(0)))
-    time = at.since
+    time = stamps.since_first() if stamps else known.get("elapsed_time", np.zeros(0))
     if time.size:
         known, time = fill_or_cut(
             table, readings, time, how, wanted, longest_bridged(time, how.max_gap), stamped=stamped
@@ -145,11 +142,11 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
         known.pop("elapsed_time", None)
     else:
         table.problems += readings.complaints
-    pieces = None
+    batch, of_changes = np.zeros(0, dtype=np.int64), False
     if time.size and np.isfinite(time).all():
-        pieces = number_pieces(table, time, known, how, readings.notes, stamped=stamped)
+        batch, of_changes = number_pieces(table, time, known, how, readings.notes, stamped=stamped)
     table.stop_if_wrong()
-    assert pieces is not None  # a problem otherwise
+    start, zone = stamps.first() if stamps else (None, "")
     known.pop("batch", None)
     values = {name: np.full(time.size, float(value)) for name, value in (how.constants or {}).items()} | known
     rows = np.array(table.row_numbers)
@@ -158,11 +155,11 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
         source=np.zeros_like(rows),
         time=np.round(time - time[0], 6),
         values=values,
-        batch=pieces.number,
+        batch=batch,
         rows=rows,
         notes=table.notes + readings.notes,
         reading_notes=table.notes,
-        change_of_value=pieces.change_of_value,
-        start=None if at.start is None else at.start + np.timedelta64(round(float(time[0])), "s"),
-        time_zone=at.time_zone,
+        change_of_value=of_changes,
+        start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"),
+        time_zone=zone,
     )

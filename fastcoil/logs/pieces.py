@@ -6,12 +6,11 @@ A log of changes has a row when a value has changed; its long steps are no gaps.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import Reading
 from fastcoil.logs.series import counted
 from fastcoil.logs.table import Table
@@ -110,29 +109,9 @@ def _changed(series: Array) -> Mask:
     return np.asarray(~same)
 
 
-_DAY = 86400.0
 _HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
 _FEW, _MOST_BACK = 5, 1 / 3  # if more steps than both go back in time, no part of the log is in order
 _MANY = 0.1  # if more than this share of the steps go back in time, the log is out of order
-
-
-class Pieces(NamedTuple):
-    """Number of the unbroken piece of each row, (n,), from 0; whether rows were written when a value changed."""
-
-    number: Index
-    change_of_value: bool
-
-
-class RowTimes(NamedTuple):
-    """Times of the rows of a log.
-
-    since: the first good one, s, (n_rows,); NaN in rows without one.  start: date and time of that one, on the clock of
-    ``time_zone``; None and blank if unknown.
-    """
-
-    since: Array
-    start: np.datetime64 | None = None
-    time_zone: str = ""
 
 
 def read_times(table: Table, column: int, how: Reading) -> Stamps:
@@ -151,15 +130,6 @@ def read_times(table: Table, column: int, how: Reading) -> Stamps:
     return stamps
 
 
-def rows_at(table: Table, column: int, how: Reading) -> RowTimes:
-    """Time of every row, from timestamps; nothing, (0,), if something is wrong that becomes a problem of the table."""
-    with collecting(table.problems):
-        stamps = read_times(table, column, how)
-        since = stamps.microseconds - stamps.microseconds[np.argmax(stamps.good)]
-        return RowTimes(np.where(stamps.good, since / 1e6, np.nan), *stamps.first())
-    return RowTimes(np.zeros(0))
-
-
 def longest_bridged(time: Array, max_gap: float | None) -> float:
     """Longest step that is no gap of a log of regular steps, s."""
     steps = np.diff(time[np.isfinite(time)])
@@ -169,11 +139,11 @@ def longest_bridged(time: Array, max_gap: float | None) -> float:
 
 def number_pieces(
     table: Table, time: Array, values: Mapping[str, Array], how: Reading, notes: list[str], *, stamped: bool
-) -> Pieces:
-    """The unbroken pieces of a log of these ``values``, ``batch`` among them; ``stamped``: by timestamps.
+) -> tuple[Index, bool]:
+    """Number of the unbroken piece of each row, (n,), from 0; whether rows were written when a value changed.
 
-    A new piece starts where ``batch`` changes, after a gap, and after a jump.  What is not allowed becomes a problem of
-    the table.
+    A new piece starts where ``batch``, one of ``values``, changes, after a gap, and after a jump.  What is not allowed
+    becomes a problem of the table.  stamped: whether the time is from timestamps.
     """
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     new = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
@@ -181,7 +151,7 @@ def number_pieces(
     shuffled = back.sum() > _FEW and back.mean() > _MOST_BACK
     if back.any() and (how.jumps != "split" or shuffled):
         table.problems.append(_backward(time, back, rows, how, stamped))
-        return Pieces(np.zeros(time.size, dtype=np.int64), False)
+        return np.zeros(time.size, dtype=np.int64), False
     if back.any():
         notes.append(f"time goes back or stands still {counted(back, 'time')}: the record starts again there")
     forward = steps[~new & ~back]
@@ -195,19 +165,14 @@ def number_pieces(
         )
     gaps = ~new & ~back & (steps > (how.max_gap or of_changes or LONG_STEP * median))
     if how.unbroken and (new | gaps).any():
-        table.problems.append(_broken(steps, new, gaps, median, rows, stamped))
+        table.problems.append(_broken(steps, new, gaps, median, rows))
     elif gaps.any():
         k = int(np.argmax(gaps))
         notes.append(
             f"{counted(gaps, 'gap')} in time (first: {steps[k]:g} s between rows {rows[k]} and {rows[k + 1]}): "
             "the record starts again after each"
-            + (" (a step of an hour more than usual: clocks set forward?)" if _hour(steps[k] - median, stamped) else "")
         )
-    return Pieces(np.concatenate([[0], np.cumsum(new | back | gaps)]), bool(of_changes))
-
-
-def _hour(step: float, stamped: bool) -> bool:
-    return stamped and step == _HOUR
+    return np.concatenate([[0], np.cumsum(new | back | gaps)]), bool(of_changes)
 
 
 def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: bool) -> str:
@@ -216,12 +181,10 @@ def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: b
     k, times = int(np.argmax(back)), int(back.sum())
     if stamped and times > _MANY * steps.size and not (time % 60.0).any():
         most = int(np.unique(time, return_counts=True)[1].max())
-        if most > 1 and (steps >= 0.0).all() and not (time % _DAY).any():
-            return f"timestamp has dates only, up to {most} rows to a day: put date and time of day into one column"
         if most > 1 and (steps >= 0.0).all():
             return (
-                f"timestamp is to the minute, with up to {most} rows in one (first: rows {rows[k]} and {rows[k + 1]}): "
-                "export it with seconds, or keep one row of each minute"
+                f"timestamp has up to {most} rows at one time (first: rows {rows[k]} and {rows[k + 1]}): export date "
+                "and time of day to the second, or keep one row of each time"
             )
     what = "is at the same time as" if steps[k] == 0.0 else "is earlier than"
     cure = "sort the rows and drop doubles"
@@ -230,21 +193,20 @@ def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: b
     if times > 1 and back.mean() > _MANY:
         cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
     forward = steps[steps > 0.0]
-    if forward.size and times <= _MOST_CLOCK_CHANGES and _hour(float(np.median(forward)) - steps[k], stamped):
+    if stamped and forward.size and times <= _MOST_CLOCK_CHANGES and np.median(forward) - steps[k] == _HOUR:
         cure = f"clocks were set back an hour here: log UTC or the UTC offset; else {cure}"
     more = f" ({times} such rows)" if times > 1 else ""
     return f"elapsed_time: row {rows[k + 1]} {what} row {rows[k]}{more}: {cure}"
 
 
-def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int], stamped: bool) -> str:
+def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int]) -> str:
     """Where a log that should be one piece breaks, and the cure."""
     if new.any():
         k = int(np.argmax(new))
         return f"batch changes between rows {rows[k]} and {rows[k + 1]}: give the rows of one batch only"
     k = int(np.argmax(np.where(gaps, steps, 0.0)))
     gap, ends = f"{steps[k]:g}", f"{rows[k]} and {rows[k + 1]}"
-    clocks = ", as where clocks are set forward" if _hour(steps[k] - median, stamped) else ""
     return (
-        f"rows {ends} are {gap} s apart, others {median:g} s{clocks}: fill the gap, cut the log, "
+        f"rows {ends} are {gap} s apart, others {median:g} s: fill the gap, cut the log, "
         f"or pass max_gap={gap} to bridge it"
     )

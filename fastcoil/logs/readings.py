@@ -5,7 +5,6 @@ They are refused; or else measured ones are left out, single missing inputs brid
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -61,7 +60,6 @@ def read_columns(
         unit = _unit_of(table, series, column, how.units.get(name), cells, how.has_command)
         if unit is None:
             continue
-        _note_words(table, series, column, cells)
         values = series.convert(cells.values, unit)
         if series.scatters and not how.strict:
             values = _at_bounds(table, series, values, readings.notes)
@@ -198,17 +196,6 @@ def _unit_of(
             table.notes.append(f"{series.name} is in {shown(first)} by its cells")
             return unit
     return None
-
-
-def _note_words(table: Table, series: Series, column: int, cells: Cells) -> None:
-    """Say which words were read as numbers."""
-    if series.is_switch:
-        said = {row[column].strip(): value for row, value in zip(table.rows, cells.values.tolist(), strict=True)}
-        words = {word: value for word, value in said.items() if not math.isnan(value) and word[-1].isalpha()}
-        if words:
-            table.notes.append(
-                f"{series.name}: " + ", ".join(f"{word!r} is {value:g}" for word, value in words.items())
-            )
 
 
 def _suspect_live_zero(series: Series, values: Array, how: Reading, notes: list[str]) -> None:

@@ -26,7 +26,6 @@ from fastcoil.logs.series import counted, is_unit
 from fastcoil.logs.timestamps import is_clock, is_date, is_time
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 
@@ -345,7 +344,7 @@ class Table:
         for k, header in enumerate(self.header):
             if header.strip().lower() in TIME_HEADERS:
                 return k
-        return 0 if is_time(self.rows[0][0]) else None
+        return 0 if is_time(self.rows[0][0]) and not is_time(self.header[0]) else None
 
     def declared_units(self, column: int) -> list[str]:
         """Units of a column by its header and by a row of units below; empty if it has none."""
@@ -384,13 +383,33 @@ class Table:
 _TIMES = ("elapsed_time", "timestamp", "time")
 
 
-def table_of(ds: xr.Dataset, columns: Mapping[str, str] | None, names: Collection[str]) -> Table:
-    """The variables of ``ds`` with one of our ``names``, and those that ``columns`` (our name: its name) asks for.
+def table_of(source: Any, columns: Mapping[str, str] | None, names: Collection[str]) -> Table:
+    """A Dataset or DataFrame as a table whose rows count from 0, as in ``isel`` and ``iloc``.
 
-    They lie along one coordinate: ``elapsed_time``, or one of datetime64 called so, ``timestamp`` or ``time``.  Rows
-    count from 0, as in ``isel``.
+    Of a Dataset the variables with one of our ``names``, and those that ``columns`` (our name: its name) asks for; they
+    lie along one coordinate: ``elapsed_time``, or one of datetime64 called so, ``timestamp`` or ``time``.  Of a
+    DataFrame every column, named as in the header of a file, and an index that is named or of times.
     """
-    asked = dict(columns or {})
+    if hasattr(source, "iloc"):
+        kind, cure = "DataFrame", "name the column '{header} [{unit}]'"
+        header, series = [str(name).strip() for name in source.columns], [one for _, one in source.items()]
+        if source.index.dtype.kind == "M" or source.index.name is not None:
+            header.insert(0, "timestamp" if source.index.dtype.kind == "M" else str(source.index.name))
+            series.insert(0, source.index)
+    else:
+        kind, cure = "Dataset", "give it attrs['units'] = '{unit}'"
+        header, series = _columns_of(source, dict(columns or {}), names)
+    rows = [list(row) for row in zip(*map(_cells, series), strict=True)]
+    if len(rows) < 2:
+        raise InputError(f"the {kind} has fewer than two samples: give a longer log")
+    table = Table(kind, header, rows, list(range(len(rows))), unit_cure=cure)
+    table._check_header(0)
+    table.stop_if_wrong()
+    return table
+
+
+def _columns_of(ds: xr.Dataset, asked: Mapping[str, str], names: Collection[str]) -> tuple[list[str], list[Any]]:
+    """Header and values of the columns of a Dataset, the time first."""
     dims = [d for d in (*(asked.get(n, n) for n in _TIMES), *_TIMES) if d in ds.coords and ds[d].dims == (d,)]
     if not dims:
         raise InputError(
@@ -398,60 +417,25 @@ def table_of(ds: xr.Dataset, columns: Mapping[str, str] | None, names: Collectio
         )
     time = dims[0]
     wanted = [str(n) for n in ds.data_vars if n in names or n in asked.values()]
-    wrong = [
-        f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left"
-        for name in wanted
-        if ds[name].dims != (time,)
-    ]
-    if wrong:
-        raise InputError(wrong)
-    if ds.sizes[time] < 2:
-        raise InputError("the Dataset has fewer than two samples: give a longer log")
-    header, cells = _time(ds[time], asked)
-    for name in wanted:
-        header.append(f"{name} [{ds[name].attrs['units']}]" if "units" in ds[name].attrs else name)
-        cells.append(_cells(ds[name].values))
-    rows = [list(row) for row in zip(*cells, strict=True)]
-    return Table("Dataset", header, rows, list(range(len(rows))), unit_cure="give it attrs['units'] = '{unit}'")
+    if wrong := [name for name in wanted if ds[name].dims != (time,)]:
+        raise InputError(
+            [f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left" for name in wrong]
+        )
+    values, label = ds[time].values, time if time in asked.values() else "elapsed_time"
+    if values.dtype.kind == "M" and asked.get("elapsed_time") != time:
+        first = time if asked.get("timestamp") == time else "timestamp"
+        values = values.astype("datetime64[us]")
+    elif values.dtype.kind in "mM":
+        first, values = f"{label} [s]", (values - values[:1]) / np.timedelta64(1, "s")
+    else:
+        first = _with_unit(label, ds[time])
+    return [first, *(_with_unit(name, ds[name]) for name in wanted)], [values, *(ds[name].values for name in wanted)]
 
 
-def table_of_frame(frame: pd.DataFrame) -> Table:
-    """The columns of a pandas DataFrame, named as in the header of a file; a named or datetime index is one of them.
-
-    Rows count from 0, as in ``iloc``.
-    """
-    columns = [(str(name).strip(), frame.iloc[:, k]) for k, name in enumerate(frame.columns)]
-    if frame.index.dtype.kind == "M":
-        columns.insert(0, ("timestamp", frame.index))
-    elif frame.index.name is not None:
-        columns.insert(0, (str(frame.index.name), frame.index))
-    header = [name for name, _ in columns]
-    cells = [
-        [stamp.isoformat() for stamp in column] if column.dtype.kind == "M" else _cells(column.values)
-        for _, column in columns
-    ]
-    rows = [list(row) for row in zip(*cells, strict=True)]
-    if len(rows) < 2:
-        raise InputError("the DataFrame has fewer than two rows: give a longer log")
-    table = Table("DataFrame", header, rows, list(range(len(rows))), unit_cure="name the column '{header} [{unit}]'")
-    table._check_header(0)
-    table.stop_if_wrong()
-    return table
-
-
-def _time(time: xr.DataArray, asked: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Header and cells of the time: timestamps stay timestamps, unless ``asked`` wants them as seconds."""
-    name, values = str(time.name), time.values
-    label = name if name in asked.values() else "elapsed_time"
-    if values.dtype.kind == "M" and asked.get("elapsed_time") != name:
-        stamps = values.astype("datetime64[us]")
-        return [name if asked.get("timestamp") == name else "timestamp"], [[str(v) for v in stamps]]
-    if values.dtype.kind in "mM":
-        seconds = (values - values[0]) / np.timedelta64(1, "s")
-        return [f"{label} [s]"], [_cells(seconds)]
-    return [f"{label} [{time.attrs['units']}]" if "units" in time.attrs else label], [_cells(values)]
+def _with_unit(name: str, series: xr.DataArray) -> str:
+    return f"{name} [{series.attrs['units']}]" if "units" in series.attrs else name
 
 
 def _cells(values: Any) -> list[str]:
-    """Numbers as text that reads back to the bit."""
+    """Numbers as text that reads back to the bit; times with the zone that they have."""
     return [repr(float(v)) for v in values] if values.dtype.kind in "biuf" else [str(v) for v in values]

@@ -17,7 +17,7 @@ import numpy as np
 
 from fastcoil.base.arguments import text_of
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.series import counted
 
 MOST_LETTERS = 64
@@ -49,6 +49,11 @@ class Stamps(NamedTuple):
     notes: list[str]
     time_zone: str = ""
     offset: int = 0
+
+    def since_first(self) -> Array:
+        """Seconds since the first good time, (n,); NaN where there is none."""
+        since = self.microseconds - self.microseconds[np.argmax(self.good)]
+        return np.where(self.good, since / 1e6, np.nan)
 
     def first(self) -> tuple[np.datetime64, str]:
         """The first time, to the second, on the clock that wrote it; its time zone, blank if unknown."""
@@ -204,20 +209,10 @@ _OF_SEVERAL_PLACES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
 """Names that other continents use as well, unless the name on the right is in the log too."""
 
 
-def zone_of(name: str, value: Any) -> str:
-    """The name of a time zone that this machine knows."""
-    text = text_of(name, value).strip()
-    try:
-        zoneinfo.ZoneInfo(text)
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        known = nearest(text, zoneinfo.available_timezones())
-        raise InputError(f"{name} = {shown(text)}{known}: give a name such as America/New_York") from None
-    return text
-
-
 def in_zone(stamps: Stamps, time_zone: str) -> Stamps:
-    """Times of a local clock as absolute ones, given the name of its zone."""
-    zone = zoneinfo.ZoneInfo(time_zone)
+    """Times of a local clock as absolute ones, given its zone: ``America/New_York`` or ``UTC-05:00``."""
+    offset_alone = re.fullmatch(r"UTC([+-][0-9:]{5})", time_zone)
+    zone = datetime.strptime(offset_alone[1], "%z").tzinfo if offset_alone else zoneinfo.ZoneInfo(time_zone)
     there = [time.replace(tzinfo=zone) for time in stamps.microseconds.astype(MICROSECONDS).tolist()]
     offsets = np.array([(time.utcoffset() or timedelta()) // timedelta(microseconds=1) for time in there])
     offset = int(offsets[np.argmax(stamps.good)])

@@ -54,7 +54,7 @@ def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():
         (lambda ds: ds.where(ds["elapsed_time"] != 300.0), "command is nan in row 5"),
         (lambda ds: ds["m_w"], "log is a DataArray"),
         (lambda ds: ds.to_dataframe(), "DataFrame: command has no unit: name the column 'command"),
-        (lambda ds: ds.to_dataframe().iloc[:1], "fewer than two rows"),
+        (lambda ds: ds.to_dataframe().iloc[:1], "fewer than two samples"),
         (lambda ds: 7, "log is a int"),
     ],
 )

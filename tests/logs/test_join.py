@@ -27,10 +27,8 @@ def point(tmp_path):
     return write_point
 
 
-def joined(*paths, columns=None, units=None, time_format=None, step=None, max_gap=None):
-    return join_points(
-        paths, columns=columns or {}, units=units or {}, time_format=time_format, step=step, max_gap=max_gap
-    )
+def joined(*paths, columns=None, units=None, **options):
+    return join_points(paths, columns=columns or {}, units=units or {}, **options)
 
 
 def table_of(text):
@@ -158,6 +156,36 @@ def test_newest_first_and_doubles(point):
 def test_a_utc_offset_is_kept(point):
     text, _ = joined(point("command.csv", PERIODIC, np.arange(40), "Time,Value (%)", "%Y-%m-%dT%H:%M:%S-04:00"))
     assert text.splitlines()[1].startswith("2024-07-25T08:01:00-04:00,")
+
+
+def test_files_of_two_zones_are_joined_by_absolute_time(point):
+    seconds = 60.0 * np.arange(240)
+    east = point("command.csv", seconds, np.arange(240) / 4, "Time,Value (%)", "%m/%d/%Y %I:%M:%S %p EDT")
+    west = point("T_sup.csv", seconds - 3 * 3600, np.arange(240) / 10, "Time,Value (°C)", "%m/%d/%Y %I:%M:%S %p PDT")
+    epoch = point("T_set.csv", seconds, np.arange(240) / 10, "Time,Value (°C)", "%Y-%m-%dT%H:%M:%S-04:00")
+    text, notes = joined(east, west, epoch)
+    _, seconds, values = table_of(text)
+    assert text.splitlines()[1].startswith("2024-07-25T12:00:00+00:00,")
+    np.testing.assert_allclose(40 * values[:, 0], values[:, 2])  # the same sample of each
+    np.testing.assert_allclose(values[:, 1], values[:, 2])
+    assert [note for note in notes if "EDT" in note or "PDT" in note] == [
+        "command.csv: timestamp is in EDT: read by UTC offset", "T_sup.csv: timestamp is in PDT: read by UTC offset"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("zone", ["America/New_York", "UTC-04:00"])
+def test_a_local_clock_beside_an_absolute_one_is_refused_unless_its_zone_is_given(point, zone):
+    east = point("command.csv", PERIODIC, np.arange(40), "Time,Value (%)", "%Y-%m-%d %H:%M:%S EDT")
+    local = point("T_sup.csv", PERIODIC, np.arange(40), "Time,Value (°C)")
+    said = only_problem(joined, east, local)
+    assert "different time zones (command.csv UTC, T_sup.csv none): export all alike, or give the zone" in said
+    assert "such as --time-zone America/New_York" in said
+    text, _ = joined(east, local, time_zone=zone)
+    _, _, values = table_of(text)
+    assert text.splitlines()[1].startswith("2024-07-25T08:01:00-04:00,")
+    np.testing.assert_allclose(100 * values[:, 0] + 47 / 60, values[:, 1], atol=1e-6)
+    china = point("T_sup.csv", PERIODIC, np.arange(40), "Time,Value (°C)", "%Y-%m-%d %H:%M:%S CST")
+    assert "T_sup.csv CST" in only_problem(joined, east, china)
 
 
 # --------------------------------------------------------------------------------------------------------- refused
