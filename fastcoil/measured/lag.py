@@ -1,9 +1,9 @@
-"""The time shift between the command and the flow of a log: estimated per stretch, reported, removed.
+"""The time shift between the command and the flow of a log: estimated per piece, reported, removed.
 
 Each candidate shift and backlash turns the command into an opening; a piecewise linear curve from opening to flow, one
 for the whole log, which needs no shape of Eq (2), is solved for.  Shift and backlash are estimated together, so that
-neither is mistaken for the other.  The shift of each stretch is the one that fits best, less a price for every shift
-and every change of it (Viterbi's search), so that noise moves no log.
+neither is mistaken for the other.  The shift of each piece is the one that fits best, less a price for every piece that
+differs from the others, so that noise moves no log.
 """
 
 from __future__ import annotations
@@ -21,17 +21,14 @@ from fastcoil.measured.valve_problem import step_of
 from fastcoil.model.engine.recorded import valve_flows
 
 N_KNOTS = 11
-_RIDGE, _TINY, _ROUND_OFF = 1e-9, 1e-300, 1e-6
+_RIDGE, _TINY, _ROUND_OFF, _MOST_MEMORY = 1e-9, 1e-300, 1e-6, 0.98
 BACKLASHES = np.array([0.0, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4])
 _WORTHWHILE = 0.8  # a shift leaves at most this share of the squared residuals of the rows that it moves
 _ROUNDS = 10
 _NEAR, _AROUND = 6, 2
 """Shifts tried: up to so many samples either way, and around the one that the cross-correlation proposes."""
 _FARTHEST = 7200.0  # s, proposed by the cross-correlation: clocks that differ by an hour
-_STRETCH = 100  # samples: a longer piece is cut into stretches of one to two times this
-_PRICE, _PRICE_WITHIN = 12.0, 30.0
-"""Of a shift and of a change of it between pieces, and of a change within one, in logarithms of likelihood."""
-_MOST_MEMORY = 0.98
+_PRICE = 12.0  # of a shift, and of a piece with another one, in logarithms of likelihood
 
 
 def hats(opening: Array) -> Array:
@@ -66,83 +63,67 @@ class _Curve(NamedTuple):
     backlash: int  # index in BACKLASHES
     flows: Array  # at the knots, kg/s
     variance: float  # of a residual, (kg/s)²
-    likelihood: float  # logarithm of it
 
 
-class _Stretches(NamedTuple):
-    """What the search needs of a log."""
+class _Sums(NamedTuple):
+    """What the search needs of some pieces of a log."""
 
     lags: Index  # that are tried, samples, (lags,)
-    number: Index  # of the stretch of each sample, (n,)
-    sums: Array  # of products of the curve's terms and the flow, (stretches, lags, backlashes, knots + 1, knots + 1)
-    counts: Array  # samples in each sum, (stretches, lags)
-    price: Array  # of each change of the lag from one stretch to the next; the first: of any lag but 0
-    fitted: Mask  # (stretches,)
+    products: Array  # of the curve's terms and the flow, (pieces, lags, backlashes, knots + 1, knots + 1)
+    counts: Array  # samples in each, (pieces, lags)
 
-    def of(self, which: Mask) -> _Stretches:
-        return self._replace(sums=self.sums[which], counts=self.counts[which], price=self.price[which])
+    def of(self, which: Mask) -> _Sums:
+        return self._replace(products=self.products[which], counts=self.counts[which])
 
+    def curve(self, chosen: Index) -> _Curve:
+        """The best curve with each piece at its lag, an index in ``lags``."""
+        at = np.arange(chosen.size), chosen
+        total, n = self.products[at].sum(axis=0), max(float(self.counts[at].sum()), 1.0)
+        flows = _solved(total)
+        errors = _errors_of(total, flows)
+        j = int(np.argmin(errors))
+        return _Curve(j, flows[j], max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY))
 
-def _search(found: _Stretches, worth: float) -> tuple[Index, _Curve]:
-    """The lag of each stretch, an index in ``lags``, and the curve: from each common lag until neither changes."""
-    ways = []
-    n = found.counts.sum(axis=0)
-    for common in np.flatnonzero(n >= 0.5 * n.max()):
-        chosen = np.full(found.sums.shape[0], common)
-        for _ in range(_ROUNDS):
-            before = chosen
-            chosen = _cheapest(found, _curve(found, before, worth), worth)
-            if (chosen == before).all():
-                break
-        curve = _curve(found, chosen, worth)
-        changed = np.append(found.lags[chosen[0]] != 0, np.diff(chosen) != 0)
-        ways.append((found.price[changed].sum() - curve.likelihood, chosen, curve))
-    return min(ways, key=lambda one: float(one[0]))[1:]
+    def cheapest(self, curve: _Curve, worth: float) -> Index:
+        """The lag of each piece with the least errors and prices, an index in ``lags``; worth: samples, of one.
 
+        Samples that a lag leaves without a command cost as much as others; they may not be most of a piece.  Where all
+        of a piece fits worse than the rest, chance moves it more easily: its own variance counts.
+        """
+        most = self.counts.max(axis=1, keepdims=True)
+        errors = _errors_of(self.products[:, :, curve.backlash], curve.flows)
+        errors = np.where(self.counts < 0.5 * most, np.inf, errors + curve.variance * (most - self.counts))
+        own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
+        costs = errors / (2.0 * worth * np.maximum(own, curve.variance))
+        # of each lag that most pieces may have, (common, pieces, lags)
+        whole = costs + _PRICE * (self.lags != self.lags[:, None])[:, None]
+        common = int(np.argmin(whole.min(axis=2).sum(axis=1) + _PRICE * (self.lags != 0)))
+        return np.asarray(whole[common].argmin(axis=1))
 
-def _curve(found: _Stretches, chosen: Index, worth: float) -> _Curve:
-    """The best curve with each stretch at its lag."""
-    at = np.arange(chosen.size), chosen
-    total, n = found.sums[at].sum(axis=0), max(float(found.counts[at].sum()), 1.0)
-    flows = _solved(total)
-    errors = _errors_of(total, flows)
-    j = int(np.argmin(errors))
-    mean = max(float(errors[j]) / n, _ROUND_OFF**2 * float(total[j, -1, -1]) / n, _TINY)
-    n_all = float(found.counts.max(axis=1).sum())
-    return _Curve(j, flows[j], mean, -0.5 * n_all / worth * float(np.log(mean)))
+    def search(self, worth: float) -> tuple[Index, _Curve]:
+        """The lag of each piece and the curve: from each common lag until neither changes."""
+        ways, n = [], self.counts.sum(axis=0)
+        for common in np.flatnonzero(n >= 0.5 * n.max()):
+            chosen = np.full(self.counts.shape[0], common)
+            for _ in range(_ROUNDS):
+                before = chosen
+                chosen = self.cheapest(self.curve(before), worth)
+                if (chosen == before).all():
+                    break
+            curve = self.curve(chosen)
+            changes = np.count_nonzero(np.diff(self.lags[chosen], prepend=0))
+            cost = 0.5 * self.counts.max(axis=1).sum() / worth * np.log(curve.variance)
+            ways.append((_PRICE * changes + cost, chosen, curve))
+        return min(ways, key=lambda one: float(one[0]))[1:]
 
-
-def _cheapest(found: _Stretches, curve: _Curve, worth: float) -> Index:
-    """The lag of each stretch, an index in ``lags``: the way through the stretches with the least errors and prices.
-
-    Samples that a lag leaves without a command cost as much as others; they may not be most of a stretch.  Where all
-    of a stretch fits worse than the rest, chance moves it more easily: its own variance counts.
-    """
-    most = found.counts.max(axis=1, keepdims=True)
-    errors = _errors_of(found.sums[:, :, curve.backlash], curve.flows)
-    errors = np.where(found.counts < 0.5 * most, np.inf, errors + curve.variance * (most - found.counts))
-    own = errors.min(axis=1, keepdims=True) / np.maximum(most, 1.0)
-    costs = errors / (2.0 * worth * np.maximum(own, curve.variance))
-    lags, ways = found.lags, []
-    best = costs[0] + found.price[0] * (lags != 0)
-    for cost, of_change in zip(costs[1:], found.price[1:], strict=True):
-        whole = best[:, None] + of_change * (lags[:, None] != lags)
-        ways.append(whole.argmin(axis=0))
-        best = whole.min(axis=0) + cost
-    chosen = [int(best.argmin())]
-    for way in reversed(ways):
-        chosen.append(int(way[chosen[-1]]))
-    return np.array(chosen[::-1])
-
-
-def _worthwhile(found: _Stretches, chosen: Index, curve: _Curve) -> Index:
-    """The lag of each stretch in samples, 0 where a run of stretches with one lag gains little by it."""
-    errors = _errors_of(found.sums[:, :, curve.backlash], curve.flows)
-    kept, none = found.lags[chosen], int(np.flatnonzero(found.lags == 0)[0])
-    for run in unbroken(chosen):
-        if errors[run, chosen[run]].sum() > _WORTHWHILE * errors[run, none].sum():
-            kept[run] = 0
-    return kept
+    def worthwhile(self, chosen: Index, curve: _Curve) -> Index:
+        """The lag of each piece in samples, 0 where a run of pieces with one lag gains little by it."""
+        errors = _errors_of(self.products[:, :, curve.backlash], curve.flows)
+        kept, none = self.lags[chosen], int(np.flatnonzero(self.lags == 0)[0])
+        for run in unbroken(chosen):
+            if errors[run, chosen[run]].sum() > _WORTHWHILE * errors[run, none].sum():
+                kept[run] = 0
+        return kept
 
 
 def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
@@ -165,29 +146,32 @@ def with_lag(log: Log, lag: float) -> Log:
 
 
 def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
-    """The log with the shift of each stretch taken out, and a note of it; itself if it has none.
+    """The log with the shift of each piece taken out, and a note of it; itself if it has none.
 
     good, fitting: (n,), samples that may be compared, and those of the part to fit; what follows that part has no
     influence on its shifts.
     """
     step = step_of(log, fitting)
-    lags_tried = _lags_to_try(log, good & fitting, step)
-    memory, worth = 0.0, 1.0
-    for of_white in (False, True):  # first how the residuals are correlated, then with that taken out
-        found = _stretches(log, good, fitting, step, lags_tried, memory)
-        chosen, curve = _search(found.of(found.fitted), worth)
-        rho = _correlation(log, good & fitting, found, chosen, curve, step, memory)
-        if of_white:
+    pieces = unbroken(log.batch, fitting)
+    number = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
+    is_fitted = np.array([fitting[piece[0]] for piece in pieces])
+    tried, lags, memory, worth = _lags_to_try(log, good & fitting, step), np.zeros(len(pieces)), 0.0, 1.0
+    for is_white in (False, True):  # first how the residuals are correlated, then with that taken out
+        sums = _sums(log, good, step, pieces, tried, memory)
+        fitted = sums.of(is_fitted)
+        chosen, curve = fitted.search(worth)
+        lags[is_fitted] = tried[chosen]
+        rho = _correlation(log, good & fitting, lags[number] * step, curve, memory)
+        if is_white:
             worth = max(1.0 + 2.0 * float(rho.sum()), 1.0)
         elif rho.size:
             memory = min(float(rho[0]), _MOST_MEMORY)
-    chosen, curve = _search(found.of(found.fitted), worth)
-    lags = np.zeros(found.fitted.size)
-    lags[found.fitted] = _worthwhile(found.of(found.fitted), chosen, curve)
-    if not found.fitted.all():
-        rest = found.of(~found.fitted)
-        lags[~found.fitted] = _worthwhile(rest, _cheapest(rest, curve, worth), curve)
-    shifts = lags[found.number]
+    chosen, curve = fitted.search(worth)
+    lags[is_fitted] = fitted.worthwhile(chosen, curve)
+    if not is_fitted.all():
+        rest = sums.of(~is_fitted)
+        lags[~is_fitted] = rest.worthwhile(rest.cheapest(curve, worth), curve)
+    shifts = lags[number]
     return _moved(log, shifts * step, _in_words(log, shifts, step)) if shifts.any() else log
 
 
@@ -215,37 +199,30 @@ def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
     return notes
 
 
-def _stretches(log: Log, good: Mask, fitting: Mask, step: float, lags: Index, memory: float) -> _Stretches:
-    """Pieces, long ones cut and none partly fitted, and their sums.
+def _sums(log: Log, good: Mask, step: float, pieces: list[Index], lags: Index, memory: float) -> _Sums:
+    """Sums of products of the curve's terms and the flow in each piece, behind each lag and backlash.
 
     memory: of the residuals, from one sample to the next; that share of the sample before is subtracted from each.
     """
-    n = log.time.size
-    number, price, follows = np.zeros(n, dtype=np.int64), [_PRICE], np.ones(n, dtype=bool)
-    for piece in unbroken(log.batch, fitting):
-        cuts = max(piece.size // _STRETCH, 1)
-        number[piece] = len(price) - 1 + np.arange(piece.size) * cuts // piece.size
-        price += [_PRICE_WITHIN] * (cuts - 1) + [_PRICE]
-        follows[piece[0]] = False
-    ends = np.searchsorted(number, np.arange(len(price)))
-    sums = np.zeros((len(price) - 1, lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
-    counts = np.zeros((len(price) - 1, lags.size))
+    starts = [int(piece[0]) for piece in pieces]
+    products = np.zeros((len(pieces), lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
+    counts = np.zeros((len(pieces), lags.size))
     for i, lag in enumerate(lags):
         command, outside = delayed(log, lag * step)
         openings = openings_of(command, log.batch, BACKLASHES)
         used = good & ~outside
         if memory:
-            used &= follows & np.append(False, used[:-1])
-        counts[:, i] = np.add.reduceat(used, ends[:-1])
+            used[1:] &= used[:-1].copy()
+            used[starts] = False
+        counts[:, i] = np.add.reduceat(used, starts, dtype=float)
         for j in range(BACKLASHES.size):
             A = np.column_stack([hats(openings[:, j]), log.values["m_w"]])
             if memory:
                 A[1:] -= memory * A[:-1]
             A = np.where(used[:, None], A, 0.0)
-            for s in range(len(price) - 1):
-                part = A[ends[s] : ends[s + 1]]
-                sums[s, i, j] = part.T @ part
-    return _Stretches(lags, number, sums, counts, np.array(price[:-1]), fitting[ends[:-1]])
+            for k, piece in enumerate(pieces):
+                products[k, i, j] = A[piece].T @ A[piece]
+    return _Sums(lags, products, counts)
 
 
 def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
@@ -264,13 +241,9 @@ def _lags_to_try(log: Log, used: Mask, step: float) -> Index:
     return np.union1d(lags, np.arange(peak - _AROUND, peak + _AROUND + 1))
 
 
-def _correlation(
-    log: Log, used: Mask, found: _Stretches, chosen: Index, curve: _Curve, step: float, memory: float
-) -> Array:
-    """Autocorrelation of the residuals of the fitted part, each less ``memory`` times the one before."""
-    lags = np.zeros(found.fitted.size)
-    lags[found.fitted] = found.lags[chosen]
-    command, outside = delayed(log, lags[found.number] * step)
+def _correlation(log: Log, used: Mask, lag: Array, curve: _Curve, memory: float) -> Array:
+    """Autocorrelation of the residuals of the fitted part, each less ``memory`` times the one before; lag: (n,), s."""
+    command, outside = delayed(log, lag)
     opening = openings_of(command, log.batch, BACKLASHES[[curve.backlash]])[:, 0]
     used = used & ~outside
     r = np.where(used, hats(opening) @ curve.flows - log.values["m_w"], 0.0)
