@@ -166,8 +166,8 @@ def test_files_of_two_zones_are_joined_by_absolute_time(point):
     text, notes = joined(east, west, epoch)
     _, seconds, values = table_of(text)
     assert text.splitlines()[1].startswith("2024-07-25T12:00:00+00:00,")
-    np.testing.assert_allclose(40 * values[:, 0], values[:, 2])  # the same sample of each
-    np.testing.assert_allclose(values[:, 1], values[:, 2])
+    np.testing.assert_allclose(values[:, 0], values[:, 2])  # T_set and T_sup: the same sample of each
+    np.testing.assert_allclose(40 * values[:, 1], values[:, 2])
     assert [note for note in notes if "EDT" in note or "PDT" in note] == [
         "command.csv: timestamp is in EDT: read by UTC offset", "T_sup.csv: timestamp is in PDT: read by UTC offset"
     ]  # fmt: skip
