@@ -327,10 +327,10 @@ def _why(e: Explanation) -> str:
     longer, repaired = e._number_of(LONGER_TI), e._number_of(REPAIRED)
     if longer is not None:
         needed = f"with this kp the loop needs about {e._value('ti', longer):g} s"
-        fault = f"the integral is too fast for the coil: ti = {ti:g} s, while {needed}"
+        fault = f"the integral is too fast for the coil: ti = {ti:.4g} s, while {needed}"
     else:
         fault = (
-            f"the gain is too high: kp = {kp:g} 1/K, while it has to be below {number(kp * factor)} 1/K with this ti"
+            f"the gain is too high: kp = {kp:.4g} 1/K, while it has to be below {number(kp * factor)} 1/K with this ti"
         )
     if e.hunts and repaired is not None and not e.cures["hunting"][repaired]:
         motor = f" and the motor's {stroke:g} s" if stroke else ""

@@ -226,7 +226,7 @@ def join_points(
     if not good.all():
         notes.append(f"{counted(~good, 'row')} of {good.size:,} left out: a point has no sample within its longest gap")
     usual = float(np.median(np.diff(clock))) / _SECOND
-    notes.append(f"{counted(good, 'row')}, {usual:g} s apart")
+    notes.append(f"{counted(good, 'row')}, {usual:.4g} s apart")
     offsets = {point.offset for point in points}
     offset = None if points[0].clock != "UTC" else offsets.pop() if len(offsets) == 1 else 0
     return Joined(_text(clock[good], {n: v[good] for n, v in values.items()}, offset), notes)

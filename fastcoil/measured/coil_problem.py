@@ -237,7 +237,7 @@ class CoilProblem:
         require_temperatures(data, compared, _FEWEST_SAMPLES, warm_up, self.notes)
         if data.step > _COARSE and not holds:
             self.notes.append(
-                f"samples are {data.step:g} s apart and the inputs run straight between them: if some hold until the "
+                f"samples are {data.step:.4g} s apart and the inputs run straight between them: if some hold until the "
                 "next sample, name them: holds=['m_w'], --hold m_w"
             )
         self.prior = self._prior()

@@ -106,7 +106,7 @@ def diagnose(
         notes.append(f"no prediction: {doubt}")
     if sample_time is not None and sample_time < interval:
         notes.append(
-            f"the log has a sample every {interval:g} s, the controller one every {sample_time:g} s: turns of the "
+            f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s: turns of the "
             "command between two samples are lost"
         )
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}

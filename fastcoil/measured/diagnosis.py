@@ -87,7 +87,7 @@ class Diagnosis(Result):
     def summary(self) -> list[str]:
         """The diagnosis in words, line by line."""
         hours = self.signals.attrs["hours"]
-        lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:g} s"]
+        lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
         lines += [_gap(self), _hunting(self), *_cures(self)]
         return lines + [f"Note: {note}" for note in self.notes]
 

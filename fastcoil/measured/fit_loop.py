@@ -172,7 +172,7 @@ def _why_unidentified(
         why = f"{n_blocks} half hours are left to compare: give a log of five hours or more"
     elif problem.is_coarse:
         why = (
-            f"samples are {problem.data.step:g} s apart and the command moves between them; turns are missed, so that "
+            f"samples are {problem.data.step:.4g} s apart and the command moves between; turns are missed, so that "
             f"the {x:.3g} that fits best is too small: log every 60 s or faster"
         )
     elif not explained > LEAST_EXPLAINED:

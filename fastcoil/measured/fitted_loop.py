@@ -255,7 +255,7 @@ def fit_loop_model(
     if T_set is None:
         return "the log has no set-point (T_set)"
     if interval > HORIZON:
-        return f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster"
+        return f"the log has a sample every {interval:.4g} s only: log every {HORIZON:g} s or faster"
     last = slice(-int(MOST_SECONDS / interval), None)
     command, temperature, T_set = (np.asarray(series, float)[last] for series in (command, temperature, T_set))
     good = np.isfinite(command) & np.isfinite(temperature) & np.isfinite(T_set)

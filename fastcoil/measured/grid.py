@@ -65,9 +65,11 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
     if at[-1] >= MOST_SAMPLES:
         days = MOST_SAMPLES * interval / 86400
         raise InputError(
-            f"{log.name}: {at[-1] + 1:,} samples of {interval:g} s: give the most telling {days:.0f} days or less"
+            f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give the most telling {days:.0f} days or less"
         )
-    changes = f"the samples come at irregular times: every series holds until its next one, taken every {interval:g} s"
+    changes = (
+        f"the samples come at irregular times: every series holds until its next one, taken every {interval:.4g} s"
+    )
     return _filled(log, at, interval, is_regular, same), [] if is_regular else [changes]
 
 

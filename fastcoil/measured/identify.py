@@ -260,7 +260,7 @@ def identify_backlash(
         good &= np.isfinite(series)
     good = good if enabled is None else good & np.asarray(enabled, bool)
     if interval > LONGEST_INTERVAL:
-        return _cannot(f"the log has a sample every {interval:g} s only: log every {HORIZON:g} s or faster")
+        return _cannot(f"the log has a sample every {interval:.4g} s only: log every {HORIZON:g} s or faster")
     if not good.any():
         return _cannot("no sample has both a command and a temperature with the plant on")
     stroke_time = USUAL_STROKE_TIME if stroke_time is None else stroke_time

@@ -193,7 +193,7 @@ def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
         samples = "one sample" if abs(n) == 1 else f"{abs(n)} samples"
         if n != 0:
             notes.append(
-                f"{where} the {late} is logged {samples} ({abs(n) * step:g} s) after the {early}: the fit takes this "
+                f"{where} the {late} is logged {samples} ({abs(n) * step:.4g} s) after the {early}: the fit takes this "
                 "shift out; lag=0, --lag 0 leaves it in"
             )
     return notes

@@ -212,7 +212,7 @@ def measures_of(grid: Grid, stroke_time: float) -> Measures:
 
 def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
     if grid.interval > COARSE:
-        return f"a log with a sample every {grid.interval:g} s misses swings of minutes: log every 30 s or faster"
+        return f"a log with a sample every {grid.interval:.4g} s misses swings of minutes: log every 30 s or faster"
     watched, piece = float(calm.sum()) * grid.interval, longest_run(calm) * grid.interval
     if watched < LEAST_WATCHED:
         return (

@@ -58,7 +58,7 @@ def _settled(log: Log, fitting: Mask, settle: float | None, notes: list[str]) ->
     if not good.all():
         notes.append(
             f"{int((~good).sum()):,} of {good.size:,} flows not compared: less than {wait:g} s after the command "
-            f"changed ({lengths.size:,} holds, typically {typical * step:g} s)"
+            f"changed ({lengths.size:,} holds, typically {typical * step:.4g} s)"
         )
     return np.asarray(good)
 
@@ -294,7 +294,7 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
     """What remains of the interval of a fit if motion between the rows is allowed for; ``holds``: there is none."""
     interval, x, most = solution.profile.interval, float(solution.estimate.x[X_BL]), solution.profile.grid[-1]
     seen = (
-        f"rows are {step_of(problem.data, problem.fitting):g} s apart, and a controller may move the valve between "
+        f"rows are {step_of(problem.data, problem.fitting):.4g} s apart, and a controller may move the valve between "
         "them, unseen"
     )
     why = why_unidentified(problem.n_reversals, x, interval, most, problem.n_pieces)

@@ -146,7 +146,7 @@ def diagnosis_page(d: Diagnosis) -> Page:
     low, high = d.interval
     gap = f"each size is tried on the log; 95 % interval {100 * low:.3g} to {100 * high:.3g} % of the stroke"
     computed = facts(
-        ("Log", f"{d.source}: {d.signals.attrs['hours']:.1f} h, a sample every {d.signals.attrs['interval']:g} s"),
+        ("Log", f"{d.source}: {d.signals.attrs['hours']:.1f} h, a sample every {d.signals.attrs['interval']:.4g} s"),
         ("Gap", gap if np.isfinite(low) else "no size could be tried"),
         ("Cause", f"{d.cause}: {d.because}" if d.because else d.cause),
         ("Predictions", "valve and coil as a curve behind two lags and a delay, fitted to the log, with the controller "
