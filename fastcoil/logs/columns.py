@@ -61,9 +61,6 @@ class Reading:
     time_format
         How ``timestamp`` is written: a pattern as of strftime, ``excel`` for serial days, ``epoch`` for seconds or
         milliseconds since 1970; recognised if None.
-    strict
-        Take every reading as it is, and refuse columns that are not wanted.  Else readings just outside a bound count
-        as the bound, temperatures of a sensor that is off are found, and other known columns are ignored.
     unbroken
         Refuse gaps and changes of batch.
     has_command
@@ -77,7 +74,6 @@ class Reading:
     jumps: str | None = None
     max_gap: float | None = None
     time_format: str | None = None
-    strict: bool = False
     unbroken: bool = False
     has_command: bool = False
 
@@ -189,11 +185,9 @@ _MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name,
 def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
     """Index of each column to read; unknown, missing and doubled ones, and bad constants, are problems.
 
-    In strict reading, columns that are not wanted are unknown, and a column comes before a constant of its name; else
-    the two together are a problem.
+    A column beside a constant of its name is a problem; known columns that are not wanted are ignored.
     """
-    series = wanted.names if how.strict else list(COLUMNS)
-    names = [*dict.fromkeys([*series, *TIMES])]
+    names = [*dict.fromkeys([*COLUMNS, *TIMES])]
     asked, constants = how.columns or {}, how.constants or {}
     table.check_names("columns", asked, names)
     table.check_names("units", how.units, [name for name in names if name != "timestamp"])
@@ -202,7 +196,7 @@ def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
     found = _find_headers(table, how, names, wanted)
     for one in [*wanted.needed, *wanted.optional, TIMES]:
         choices = (one,) if isinstance(one, str) else one
-        standing_in = [f"constant {n}" for n in choices if n in constants and not (how.strict and n in found)]
+        standing_in = [f"constant {n}" for n in choices if n in constants]
         given = [name for name in choices if name in found] + standing_in
         preferred = [name for name in choices if name in asked]
         if len(given) > 1 and len(preferred) == 1 and not standing_in:

@@ -47,8 +47,7 @@ def read_columns(
 ) -> Readings:
     """Every column ``found`` but ``timestamp`` as numbers in our units.
 
-    In strict reading, values just outside a bound are bad too, and a temperature of 0 never means a sensor that is
-    off.  With ``sparse``, a value that is missing is no mistake.
+    With ``sparse``, a value that is missing is no mistake.
     """
     readings = Readings()
     columns = {name: column for name, column in found.items() if name != "timestamp"}
@@ -61,14 +60,14 @@ def read_columns(
         if unit is None:
             continue
         values = series.convert(cells.values, unit)
-        if series.scatters and not how.strict:
+        if series.scatters:
             values = _at_bounds(table, series, values, readings.notes)
         by_status = marked[name] | cells.marked if name in marked else cells.marked
         values[by_status] = np.nan
         bad = series.is_bad(values)
         missing = cells.missing | by_status | series.is_missing_mark(cells.values)
         readings.units[name] = unit
-        off = _sensor_off(series, cells.values, values) & (not how.strict)
+        off = _sensor_off(series, cells.values, values)
         wrong = bad & ~missing if sparse else bad
         if off.any():
             first = first_row(table.row_numbers, off)

@@ -1,4 +1,4 @@
-"""The options of ``read_log``: the same log read strictly or with tolerance, and cures that suit the caller."""
+"""The options of ``read_log``, and cures that suit the caller."""
 
 import numpy as np
 import pytest
@@ -14,40 +14,15 @@ ROWS = [[0, 1.0, 25.0], [60, 1.2, 25.5], [120, 1.1, 26.0], [180, 1.3, 25.5]]
 WANTED = Wanted(needed=("m_a", "T_a_in"), optional=("enabled",))
 
 
-def changed(row, column, value):
-    return [[value if (i, k) == (row, column) else cell for k, cell in enumerate(r)] for i, r in enumerate(ROWS)]
-
-
-# ------------------------------------------------------------------------------------------------------------- strict
-
-
-@pytest.mark.parametrize(
-    ("column", "value", "words"),
-    [(1, -0.001, "m_a = -0.001 kg/s in row 3: must be from 0"), (2, 0.0, None)],
-    ids=["just outside a bound", "sensor off"],
-)
-def test_strict_reading_takes_every_reading_as_it_is(write, column, value, words):
-    path = write(HEADER, changed(1, column, value))
-    if words:
-        assert words in only_problem(read_log, path, WANTED, Reading(strict=True))
-        assert any("1 value of m_a just outside" in note for note in read_log(path, WANTED).notes)
-    else:
-        assert read_log(path, WANTED, Reading(strict=True)).values["T_a_in"][1] == 0.0
-        assert "T_a_in is 0, first in row 3" in only_problem(read_log, path, WANTED)
-
-
-def test_strict_reading_refuses_columns_that_others_ignore(write):
+def test_known_columns_that_are_not_wanted_are_ignored_and_a_column_beside_its_constant_is_refused(write):
     path = write([*HEADER, "T_set [degC]"], [[*row, 14.0] for row in ROWS])
     assert "T_set" not in read_log(path, WANTED).values
-    assert "column 'T_set [degC]' is unknown" in only_problem(read_log, path, WANTED, Reading(strict=True))
-
-
-def test_in_strict_reading_a_column_comes_before_a_constant(write):
-    path = write(HEADER, ROWS)
-    log = read_log(path, WANTED, Reading(constants={"m_a": 9.0}, strict=True))
-    np.testing.assert_array_equal(log.values["m_a"], [1.0, 1.2, 1.1, 1.3])
     message = only_problem(read_log, path, WANTED, Reading(constants={"m_a": 9.0}))
     assert "m_a and constant m_a are both given: leave one out" in message
+
+
+def changed(row, column, value):
+    return [[value if (i, k) == (row, column) else cell for k, cell in enumerate(r)] for i, r in enumerate(ROWS)]
 
 
 # ----------------------------------------------------------------------------------------------------------- unbroken

@@ -10,6 +10,8 @@ import fastcoil as fc
 from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.logs.join import join_points
+from fastcoil.logs.plausibility import misread_units
+from fastcoil.logs.series import COLUMNS
 from fastcoil.model.moist_air import humidity_ratio
 
 N = 120
@@ -110,6 +112,24 @@ def test_a_log_with_a_contradiction_is_refused_with_value_row_and_cure(tmp_path,
             assert "row" in said or "no unit" in said
 
 
+@pytest.mark.parametrize(
+    ("numbers", "found"),
+    [
+        ({"T_sup": (14, "degC"), "T_set": (40, "degC")}, {"T_set": "degF"}),
+        ({"T_sup": (14, "degC"), "T_set": (25, "degC")}, {}),
+        ({"T_sup": (14, "degC"), "T_set": (31, "degC")}, {}),  # 12 K apart, and no less in °F
+        ({"T_sup": (55, "degC"), "T_w_in": (70, "degC")}, {}),
+        ({"T_sup": (27, "degC"), "T_a_in": (13, "degC"), "T_w_in": (113, "degC")}, {"T_w_in": "degF"}),
+        ({"T_sup": (27, "degC"), "T_a_in": (13, "degC"), "T_w_in": (60, "degF")}, {"T_w_in": "degC"}),
+    ],
+)
+def test_the_unit_with_which_nothing_contradicts_is_found(numbers, found):
+    values = {name: COLUMNS[name].convert(np.full(9, float(n)), unit) for name, (n, unit) in numbers.items()}
+    units = {name: unit for name, (_, unit) in numbers.items()}
+    assert misread_units(values, units, ()) == found
+    assert misread_units(values, units, list(numbers)) == {}
+
+
 @pytest.mark.parametrize("heats", [False, True], ids=["cooling", "heating"])
 def test_a_sound_log_is_read_in_either_unit_without_a_word(tmp_path, heats):
     for seed in range(5):
@@ -170,6 +190,12 @@ def test_the_newest_row_first_is_turned_round_and_said(tmp_path):
     assert turned.notes == ["the newest row is first: turned round"]
     assert (turned.rows[0], turned.start) == (N + 1, np.datetime64("2024-07-25T08:00:00"))
     np.testing.assert_array_equal(turned.values["T_sup"], read(tmp_path, text_of(log, units), log).values["T_sup"])
+    header, newest, *rows = text_of(log, units, order=range(N)[::-1]).splitlines()
+    lines = [header, newest, rows[0].replace("2024-07-25T09:58", "?"), *rows[1:-1]]
+    turned = read(tmp_path, "\n".join(lines), log, drop=True)
+    assert turned.time.tolist() == [60.0 * k for k in range(N - 1) if k != N - 3]
+    lines[-1] = ",".join([*lines[-1].split(",")[:-1], "off"])
+    assert read(tmp_path, "\n".join(lines), log, drop=True).start == np.datetime64("2024-07-25T08:02:00")
 
 
 @pytest.mark.parametrize("cell", ["1_5", "１５", "1_5 %", "٣"])

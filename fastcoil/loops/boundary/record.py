@@ -48,7 +48,9 @@ if TYPE_CHECKING:
 KEPT: Values = object()
 """A series that is not to be changed."""
 _LONGEST = round(3600 * (CONDITIONS["hours"].upper or 0.0))  # seconds of a day
-_OF_A_LOG = Wanted(needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled"))
+_OF_A_LOG = Wanted(
+    needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled", "backlash_scale")
+)
 _HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
@@ -352,11 +354,11 @@ class Boundary(Samples):
             n_steps = None if hours is None else check(whole_seconds, hours)
             how = checked_reading(
                 check, units=units, columns=columns, constants=constants, max_gap=max_gap, time_format=time_format,
-                strict=True, unbroken=True,
+                unbroken=True,
             )  # fmt: skip
         log = read_log(path, _OF_A_LOG, how)
         require_whole_seconds(log.name, log.step)
-        warn_of_reading(log.name, log.reading_notes)
+        warn_of_reading(log.name, log.notes)
         first, covered = start * 3600, float(log.time[-1])
         if n_steps is None:
             require_span(log.name, covered - first, "give hours")
