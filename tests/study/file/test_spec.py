@@ -142,6 +142,7 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, text, sente
         ("[loop]\nkp = 100", "kp = 100 1/K is unusual and taken as it is: if it is in %/K, divide it by 100"),
         ("[loop]\n[sweep]\nti = [0.5, 8]", "ti = 0.5 s is unusual and taken as it is: if it is in minutes, multiply"),
         ("[loop]\nbacklash = 0.5", "backlash = 0.5 is unusual and taken as it is: if it is in %, divide it by 100"),
+        ("[loop]\nC_w = 8800", "C_w = 8800 kJ/K is unusual and taken as it is: if it is in J/K, divide it by 1000"),
         ("[loop]\n[cases.motor]\na = { stroke_time = 1.5 }\nb = {}", "stroke_time = 1.5 s is unusual"),
         ("[loop]\nkp = 1\nti = 1\nbacklash = 0.3\nstroke_time = 0", ""),
     ],
