@@ -174,14 +174,6 @@ def names_of(argument: str, given: object) -> list[str]:
     return names
 
 
-def whole_number_problems(name: str, value: object, least: int, most: int | None = None) -> list[str]:
-    """A list with one message if ``value`` is not a whole number from ``least`` to ``most``, else an empty one."""
-    problems: list[str] = []
-    with collecting(problems):
-        whole_of(name, value, least, most)
-    return problems
-
-
 def level_of(level: object) -> float:
     """The confidence level of an interval, between 0 and 1."""
     cure = "must be a number between 0 and 1, such as 0.95"

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.base.arguments import flag_of, is_number, level_of, names_of, path_of, whole_number_problems, whole_of
+from fastcoil.base.arguments import flag_of, is_number, level_of, names_of, path_of, whole_of
 from fastcoil.base.errors import InputError, InputTypeError
 
 
@@ -37,9 +37,10 @@ def test_what_is_a_number(value, expected):
     ],
 )
 def test_a_bad_whole_number_is_named_with_the_cure(value, sentence):
-    assert whole_number_problems("n", value, 1, 5) == [sentence]
-    assert whole_number_problems("n", np.int64(5), 1, 5) == whole_number_problems("n", 10**30, 1) == []
-    assert whole_number_problems("n", 0, 1) == ["n = 0: must be at least 1"]
+    with pytest.raises(InputError) as refused:
+        whole_of("n", value, 1, 5)
+    assert refused.value.problems == [sentence]
+    assert (whole_of("n", np.int64(5), 1, 5), whole_of("n", 10**30, 1)) == (5, 10**30)
 
 
 @pytest.mark.parametrize("level", [0, 1, 95, -0.1, float("nan"), "0.9", None, True])

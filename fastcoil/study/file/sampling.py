@@ -7,13 +7,13 @@ distribution turn its coordinates into values.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import whole_number_problems
+from fastcoil.base.arguments import whole_of
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
@@ -31,28 +31,11 @@ _SMALLEST_SHARE = 2.0**-32
 
 
 class Distribution(NamedTuple):
-    """A continuous distribution: the names of its arguments, what is wrong with them, and how scipy.stats makes it."""
+    """A continuous distribution: the names of its arguments, what they must be, and how scipy.stats makes it."""
 
     arguments: tuple[str, ...]
-    problem: Callable[..., str | None]
+    rule: str
     make: Callable[..., Any]
-
-
-def _order(low: float, high: float) -> str | None:
-    return None if low < high else "the lowest value must be below the highest"
-
-
-def _above_0(low: float, high: float) -> str | None:
-    return _order(low, high) or (None if low > 0.0 else "the lowest value must be above 0")
-
-
-def _inside(low: float, mode: float, high: float) -> str | None:
-    between = "the most likely value must lie between the lowest and the highest"
-    return _order(low, high) or (None if low <= mode <= high else between)
-
-
-def _spread(_mean: float, std: float, low: float, high: float) -> str | None:
-    return _order(low, high) or (None if std > 0.0 else "the standard deviation must be above 0")
 
 
 def _truncnorm(stats: Any, mean: float, std: float, low: float, high: float) -> Any:
@@ -63,11 +46,16 @@ def _triangular(stats: Any, low: float, mode: float, high: float) -> Any:
     return stats.triang((mode - low) / (high - low), loc=low, scale=high - low)
 
 
+_ENDS = ("lowest", "highest")
 DISTRIBUTIONS: dict[str, Distribution] = {
-    "uniform": Distribution(("lowest", "highest"), _order, lambda stats, a, b: stats.uniform(a, b - a)),
-    "loguniform": Distribution(("lowest", "highest"), _above_0, lambda stats, a, b: stats.loguniform(a, b)),
-    "truncnorm": Distribution(("mean", "standard deviation", "lowest", "highest"), _spread, _truncnorm),
-    "triangular": Distribution(("lowest", "most likely", "highest"), _inside, _triangular),
+    "uniform": Distribution(_ENDS, "lowest < highest", lambda stats, a, b: stats.uniform(a, b - a)),
+    "loguniform": Distribution(_ENDS, "0 < lowest < highest", lambda stats, a, b: stats.loguniform(a, b)),
+    "truncnorm": Distribution(
+        ("mean", "standard deviation", *_ENDS), "lowest < highest and standard deviation > 0", _truncnorm
+    ),
+    "triangular": Distribution(
+        ("lowest", "most likely", "highest"), "lowest ≤ most likely ≤ highest, lowest < highest", _triangular
+    ),
 }
 """The continuous ones; ``choice`` exists besides."""
 
@@ -125,12 +113,15 @@ def _find_setting_problems(table: Mapping[str, Any]) -> list[str]:
     if method not in METHODS:
         hint = nearest(str(method), METHODS)
         problems.append(f"method = {shown(method)}: unknown{hint}; choose one of {', '.join(METHODS)}")
-    wrong = whole_number_problems("size", size, 1, LARGEST_SAMPLE)
-    if not wrong and method in POWERS_OF_TWO and size & (size - 1):
-        below = 1 << (size.bit_length() - 1)
-        fitting = " or ".join(str(power) for power in (below, 2 * below) if power <= LARGEST_SAMPLE)
-        wrong = [f"size = {size}: a Sobol design is even only in powers of two, give {fitting}"]
-    return problems + wrong + whole_number_problems("seed", table.get("seed", 0), *RUN_LIMITS["seed"])
+    with collecting(problems):
+        size = whole_of("size", size, 1, LARGEST_SAMPLE)
+        if method in POWERS_OF_TWO and size & (size - 1):
+            below = 1 << (size.bit_length() - 1)
+            fitting = " or ".join(str(power) for power in (below, 2 * below) if power <= LARGEST_SAMPLE)
+            problems.append(f"size = {size}: a Sobol design is even only in powers of two, give {fitting}")
+    with collecting(problems):
+        whole_of("seed", table.get("seed", 0), *RUN_LIMITS["seed"])
+    return problems
 
 
 def _check_shape(parameter: Parameter, shape: object) -> None:
@@ -155,12 +146,11 @@ def _check_shape(parameter: Parameter, shape: object) -> None:
         what = "a word" if parameter.is_word else "a whole number"
         problem = f"{name} is {what}, use {{ choice = [{values}] }}"
     else:
-        names, problem_of, _ = DISTRIBUTIONS[kind]
-        signature = f"give [{', '.join(names)}]"
+        names, rule, _ = DISTRIBUTIONS[kind]
         if not are_numbers(arguments, len(names)):
-            problem = f"{signature}, {len(names)} finite numbers"
-        elif wrong := problem_of(*arguments):
-            problem = f"{wrong}, {signature}"
+            problem = f"give [{', '.join(names)}], {len(names)} finite numbers"
+        elif not np.isfinite(_ppf(kind, arguments, np.array(0.5))):
+            problem = f"give [{', '.join(names)}] with {rule}"
     if problem:
         raise InputError(f"{name} = {{ {kind} = {shown(arguments)} }}: {problem}")
 
@@ -191,11 +181,14 @@ def _quantiles(shape: Mapping[str, Any], share: np.ndarray) -> np.ndarray:
     if kind == CHOICE:
         values = np.array(arguments if isinstance(arguments[0], str) else [float(v) for v in arguments])
         return values[np.minimum((share * values.size).astype(np.int64), values.size - 1)]
+    low, high = (float(arguments[DISTRIBUTIONS[kind].arguments.index(end)]) for end in _ENDS)
+    quantiles = _ppf(kind, arguments, np.clip(share, _SMALLEST_SHARE, 1.0 - 2.0**-53))
+    return np.asarray(np.clip(quantiles, np.nextafter(low, high), np.nextafter(high, low)))
+
+
+def _ppf(kind: str, arguments: Sequence[float], share: np.ndarray) -> Any:
+    """Quantiles of a distribution; NaN where its arguments are none."""
     from scipy import stats
 
-    distribution = DISTRIBUTIONS[kind]
-    named = dict(zip(distribution.arguments, map(float, arguments), strict=True))
-    with np.errstate(over="ignore", invalid="ignore"):  # a range that overflows gives values that the loop refuses
-        quantiles = distribution.make(stats, *named.values()).ppf(np.clip(share, _SMALLEST_SHARE, 1.0 - 2.0**-53))
-    low, high = named["lowest"], named["highest"]
-    return np.asarray(np.clip(quantiles, np.nextafter(low, high), np.nextafter(high, low)))
+    with np.errstate(all="ignore"):  # a range that overflows gives values that the loop refuses
+        return DISTRIBUTIONS[kind].make(stats, *np.array(arguments, dtype=float)).ppf(share)
