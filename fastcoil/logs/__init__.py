@@ -1,4 +1,4 @@
-"""One reader for every log: a CSV file or a Dataset as checked columns, for boundaries, fits, diagnosis and replay.
+"""One reader for every log: a file, DataFrame or Dataset as checked columns, for boundaries, fits, diagnosis, replay.
 
 In the order of reading: ``series`` (every column and unit), ``timestamps`` and ``cells`` (times and numbers as people
 write them), ``table`` (a file or Dataset as text), ``columns`` (which column is which), ``readings`` (bad values),

@@ -275,7 +275,7 @@ def fill_or_cut(
         if readings.complaints and how.drop is False:
             cure = how.cure("drop=True", "--drop")
             readings.complaints[-1] += f"; or leave such values out and count them: {cure}"
-        table.problems += readings.complaints + _sparse(readings) * bool(readings.complaints)
+        table.problems += readings.complaints + (_sparse(readings) if readings.complaints else [])
         return known, time
     for name in [n for n in wanted.measured if n in bad]:
         lost = bad.pop(name)

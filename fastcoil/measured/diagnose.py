@@ -48,7 +48,7 @@ def diagnose(
     Parameters
     ----------
     log
-        Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
+        CSV file, DataFrame or Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
         and ``elapsed_time`` or ``timestamp``; of a Dataset of ``fc.simulate``, ``T_measured`` is taken if it is there.
         Optional: ``T_set``, without which no cause can be given; ``m_a`` and ``T_a_in``, air flow and entering air,
         with which smaller gaps show; ``enabled``, 0 where the plant is off.

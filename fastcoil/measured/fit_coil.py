@@ -58,7 +58,7 @@ def fit_coil(
     Parameters
     ----------
     log
-        Path of a CSV file, or a Dataset.  Needed: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``,
+        CSV file, DataFrame or Dataset.  Needed: ``m_w``, ``m_a``, ``T_w_in``, ``T_a_in``, one of ``W_a_in``,
         ``RH_a_in``, ``T_dp_in``, ``T_sup``, and ``elapsed_time`` or ``timestamp``; optional: ``T_w_out`` and
         ``enabled``.  Samples are 1 s apart or more.  After a gap, and after a time without air flow or ``enabled``, the
         model starts again from ``T_initial``.

@@ -75,7 +75,7 @@ def fit_loop(
     Parameters
     ----------
     log
-        Path of a CSV file, or a Dataset.  Needed: ``command``, ``T_sup``, ``m_a``, ``T_w_in``, ``T_a_in``, one of
+        CSV file, DataFrame or Dataset.  Needed: ``command``, ``T_sup``, ``m_a``, ``T_w_in``, ``T_a_in``, one of
         ``W_a_in``, ``RH_a_in``, ``T_dp_in``, and ``elapsed_time`` or ``timestamp``; optional: ``enabled``.  The
         command holds until the next sample.
     loop

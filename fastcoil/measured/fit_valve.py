@@ -60,7 +60,7 @@ def fit_valve(
     Parameters
     ----------
     log
-        Path of a CSV file, or a Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s,
+        CSV file, DataFrame or Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``m_w`` (kg/s, L/s,
         m3/h, gpm, …), and ``elapsed_time`` or ``timestamp``; optional: ``enabled``, 0 where the pump is off, and
         ``batch``, the number of the experiment if the log holds several.
     m_max

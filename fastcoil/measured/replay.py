@@ -53,7 +53,7 @@ def replay(
     loop
         One loop or a sweep of them: PI, or a law of the user, inverse and estimator.
     log
-        Path of a CSV file, or a Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
+        CSV file, DataFrame or Dataset.  Needed: ``T_sup`` (as the controller read it), ``T_set``, and
         ``elapsed_time`` or ``timestamp``; optional: ``enabled``, and ``m_a``, after whose steps ``gradient`` and
         ``identify`` rest.
         Samples are 1 s apart or more.  A value holds until the next.

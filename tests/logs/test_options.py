@@ -1,13 +1,11 @@
 """The options of ``read_log``, and cures that suit the caller."""
 
 import numpy as np
-import pytest
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.model import moist_air
 
 HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]"]
 ROWS = [[0, 1.0, 25.0], [60, 1.2, 25.5], [120, 1.1, 26.0], [180, 1.3, 25.5]]
@@ -91,19 +89,3 @@ def test_a_column_that_was_asked_for_in_vain_is_reported_once(write):
         read_log, write(HEADER[:2], [row[:2] for row in ROWS]), WANTED, Reading(columns={"T_a_in": "MAT"})
     )
     assert "T_a_in: there is no column 'MAT'" in message
-
-
-# ---------------------------------------------------------------------------------------------------------- humidity
-
-
-@pytest.mark.parametrize(("name", "value"), [("RH_a_in", 0.5), ("T_dp_in", 12.0), ("W_a_in", 0.008)])
-def test_the_humidity_ratio_comes_from_any_form(write, name, value):
-    wanted = Wanted(needed=("m_a", "T_a_in", HUMIDITIES))
-    log = read_log(write(HEADER, ROWS), wanted, Reading(constants={name: value}))
-    T = np.array([row[2] for row in ROWS])
-    expected = {
-        "RH_a_in": moist_air.humidity_ratio(T, 0.5, 95e3),
-        "T_dp_in": np.full(4, moist_air.humidity_ratio_from_dew_point(12.0, 95e3)),
-        "W_a_in": np.full(4, 0.008),
-    }[name]
-    np.testing.assert_array_equal(log.humidity_ratio(95e3), expected)

@@ -215,6 +215,12 @@ def test_files_to_join_are_checked_beside_each_other(tmp_path):
     assert join_points(paths, columns={}, units={"T_set": "degF"}).text
 
 
+def test_a_log_without_units_is_asked_for_each(tmp_path):
+    log = sound_log(np.random.default_rng(0))
+    said = problems(read, tmp_path, text_of(log, {}).replace("2024-07-25T08:05:00", "?"), log)
+    assert sum("has no unit" in one for one in said) == len(log)
+
+
 @pytest.mark.kernel
 def test_a_frame_is_read_as_a_file_is(tmp_path):
     pd = pytest.importorskip("pandas")

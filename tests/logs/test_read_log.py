@@ -83,11 +83,6 @@ def test_the_advice_to_drop_rows_comes_only_where_it_helps(valve_log):
     assert "--drop" not in refusal(fc.fit_valve, valve_log(back))
 
 
-def test_an_unknown_constant_that_is_no_number_is_refused(coil_log):
-    text = refusal(fc.fit_coil, coil_log(coil_rows()), constants={"T_set": "x"})
-    assert_has(text, ["constants has unknown 'T_set'", "constants has T_set = 'x'"])
-
-
 # ------------------------------------------------------------------------------------------------------------- time
 
 
@@ -147,14 +142,3 @@ def test_lines_without_content_are_no_rows(valve_log):
     fit = fc.fit_valve(valve_log(with_blanks))
     assert fit.parameters == fc.fit_valve(valve_log(rows)).parameters
     assert int(fit.residuals["row"][30]) == 33
-
-
-# ------------------------------------------------------------------------------------------------------------- units
-
-
-@pytest.mark.parametrize(("unit", "factor"), [("%", 100), ("deg", 90), ("V", 10)])
-def test_travel_in_every_unit(valve_log, unit, factor):
-    rows = [[t, float(c) * factor, m] for t, c, m in valve_rows()]
-    expected = fc.fit_valve(valve_log(valve_rows())).parameters["backlash"]
-    found = fc.fit_valve(valve_log(rows, ["elapsed_time [s]", f"command [{unit}]", "m_w [kg/s]"]))
-    assert found.parameters["backlash"] == pytest.approx(expected, abs=1e-4)

@@ -184,7 +184,13 @@ def test_a_plain_log_has_no_notes(tmp_path):
 
 def test_signals_whose_lowest_value_is_the_closed_valve(tmp_path):
     stroke = COMMAND / 100
-    for unit, values in {"V 2-10": 2 + 8 * stroke, "2-10 V": 2 + 8 * stroke, "mA 4-20": 4 + 16 * stroke}.items():
+    for unit, values in {
+        "V": 10 * stroke,
+        "deg": 90 * stroke,
+        "V 2-10": 2 + 8 * stroke,
+        "2-10 V": 2 + 8 * stroke,
+        "mA 4-20": 4 + 16 * stroke,
+    }.items():
         log = read(tmp_path, text_of(rows(ISO, values), ("timestamp", f"command [{unit}]", HEADER[2])))
         np.testing.assert_allclose(log.values["command"], stroke, atol=1e-12)
         assert not log.notes

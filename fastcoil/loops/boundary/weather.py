@@ -13,6 +13,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import require_mappings
 from fastcoil.logs.pieces import MOST_SECONDS
+from fastcoil.logs.plausibility import above_saturation
 from fastcoil.loops.boundary.conditions import condition_of, days_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values
@@ -87,6 +88,11 @@ def weather_day(
         date["days"] = check.unless_none(days_of, "days", days)
     if (RH_return is None) == (W_return is None):
         raise InputError("RH_return and W_return: give one of them")
+    if W_return is not None and above_saturation({"W_a_in": W_return, "T_a_in": T_return})[1]:
+        raise InputError(
+            f"W_return = {W_return:g} is above saturation at T_return = {T_return:g} degC: give kg of water per kg of "
+            "dry air, such as 0.009"
+        )
     file = read_weather(path, columns, units, pressure)
     weather = file.series
     p = file.pressure(pressure)

@@ -65,6 +65,26 @@ def test_the_start_of_a_weather_day_in_three_ways(write):
     np.testing.assert_array_equal(days.series["T_a_in"][1], by_hour.series["T_a_in"][0])
 
 
+@pytest.mark.parametrize(
+    ("column", "values", "words"),
+    [
+        (5, [25.0] * 72, "T_dewpoint = 25 degC in row 2 is above T_drybulb = 10.5 degC"),
+        (6, [0.6] * 72, "RH is at most 0.6 %, first in row 2: it looks like a fraction, write 'RH [1]' in the header"),
+    ],
+)
+def test_impossible_humidity_is_refused(write, column, values, words):
+    header = list(WEATHER_HEADER)
+    if column == 6:
+        header[5] = "d"
+    assert (
+        words
+        in problems(quiet_weather_day, write(header, replaced(column, values, WEATHER_ROWS)), start_hour=9, **PLANT)[0]
+    )
+    returned = {name: value for name, value in PLANT.items() if name != "RH_return"} | {"W_return": 0.05}
+    said = problems(quiet_weather_day, write(WEATHER_HEADER, WEATHER_ROWS), start_hour=9, **returned)[0]
+    assert said.startswith("W_return = 0.05 is above saturation at T_return = 24 degC: give kg of water per kg")
+
+
 def test_weather_by_relative_humidity_other_headers_and_pressure(write):
     header = ["hour_of_year", "a", "b", "c", "OAT [degF]", "d", "OA RH", "p_Pa"]
     rows = [[*r[:4], r[4] * 1.8 + 32, "-", r[6] / 100, r[7]] for r in WEATHER_ROWS]
