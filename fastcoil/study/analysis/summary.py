@@ -189,7 +189,9 @@ def _fails(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
     worse = (error >= 0.0).where(error.notnull())
     parts = []
     if float(worse.max()) > 0.0:
-        parts.append(f"the error is not lower in {_share(float(worse.mean()))} of the loops{_mostly(worse)}")
+        where, share = _largest(worse, "mean")
+        most = f", most often at {where} ({_share(share)})" if where else ""
+        parts.append(f"the error is not lower in {_share(float(worse.mean()))} of the loops{most}")
     last = float(ds[ratio].max())
     if best and last > best:
         over, at, plain = (ds.sel({ratio: x}, drop=True) for x in (last, best, 0.0))
@@ -203,18 +205,16 @@ def _fails(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
     return "; ".join(parts) + "." if parts else "in none of these loops does the error rise."
 
 
-def _mostly(worse: xr.DataArray) -> str:
-    """Where most of them are: the label with the largest share of its loops."""
-    shares = {}
-    for dim in worse.dims:
-        if worse.sizes[dim] > 1 and dim in worse.coords and dim not in CHANCE_DIMS:
-            along = worse.mean([d for d in worse.dims if d != dim])
-            k = int(along.fillna(0.0).argmax(str(dim)))
-            shares[_in_words(worse, {dim: k})] = float(along[k])
-    if not shares:
-        return ""
-    where = max(shares, key=lambda each: shares[each])
-    return f", most often at {where} ({_share(shares[where])})"
+def _largest(values: xr.DataArray, method: str) -> tuple[str, float]:
+    """The label of the loops, in words, with the largest mean or median of some values; empty where none differs."""
+    worst = "", -np.inf
+    for dim in values.dims:
+        if values.sizes[dim] > 1 and dim in values.coords and dim not in CHANCE_DIMS:
+            along = getattr(values, method)([d for d in values.dims if d != dim]).fillna(-np.inf)
+            k = int(along.argmax(str(dim)))
+            if float(along[k]) > worst[1]:
+                worst = _in_words(values, {dim: k}), float(along[k])
+    return worst
 
 
 def _assume(ds: xr.Dataset, ratio: str, best: float) -> str:
@@ -262,41 +262,27 @@ def _of_one(ds: xr.Dataset) -> dict[str, str]:
 
 def _of_choices(ds: xr.Dataset) -> dict[str, str]:
     """The labels of lowest error along the dims that a controller can choose, and where the error is largest."""
-    rmse = ds["rmse"]
-    dims = [d for d in rmse.dims if rmse.sizes[d] > 1 and d in ds.coords and d not in CHANCE_DIMS]
-    free = [d for d in dims if d not in _plant_dims(ds)]
-    low, middle, high = (float(rmse.quantile(q)) for q in (0.05, 0.5, 0.95))
-    if not free:
-        found = f"the RMS error is {middle:.3g} K in the median, {low:.3g} to {high:.3g} K in 5 to 95 % of the loops."
-        return {"Found": found} | _largest(rmse, dims)
-    of_choice = rmse.median([d for d in rmse.dims if d not in free])
-    places = [{d: int(k) for d, k in found.items()} for found in (
-        of_choice.fillna(np.inf).argmin(free), of_choice.fillna(-np.inf).argmax(free),
-    )]  # fmt: skip
-    best, worst = (_in_words(ds, place) for place in places)
-    errors = [float(of_choice.isel(place)) for place in places]
-    answer = {
-        "Do this": f"take {best}.",
-        "It brings": f"the RMS error is {errors[0]:.3g} K (median), the lowest of these choices; the highest is "
-        f"{errors[1]:.3g} K, with {worst}.",
-    }
-    if "motor_travel" in ds:
-        travel = [float(ds["motor_travel"].isel(place).median()) for place in places]
-        answer["It costs"] = f"the motor travels {travel[0]:.3g} strokes (median) instead of {travel[1]:.3g}."
-    return answer | _largest(rmse.isel(places[0], drop=True), [d for d in dims if d not in free])
-
-
-def _largest(rmse: xr.DataArray, dims: list[Hashable]) -> dict[str, str]:
-    """Along the dims of the plant, where the error is largest."""
-    worst = {}
-    for dim in dims:
-        along = rmse.median([d for d in rmse.dims if d != dim])
-        k = int(along.fillna(-np.inf).argmax(str(dim)))
-        worst[_in_words(rmse, {dim: k})] = float(along[k])
-    if not worst:
-        return {}
-    where = max(worst, key=lambda each: worst[each])
-    return {"It fails": f"the error is largest at {where}: {worst[where]:.3g} K (median)."}
+    rmse, plant = ds["rmse"], _plant_dims(ds)
+    free = [d for d in rmse.dims if rmse.sizes[d] > 1 and d in ds.coords and d not in {*plant, *CHANCE_DIMS}]
+    if free:
+        of_choice = rmse.median([d for d in rmse.dims if d not in free])
+        found = of_choice.fillna(np.inf).argmin(free), of_choice.fillna(-np.inf).argmax(free)
+        best, worst = ({d: int(k) for d, k in place.items()} for place in found)
+        answer = {
+            "Do this": f"take {_in_words(ds, best)}.",
+            "It brings": f"the RMS error is {float(of_choice.isel(best)):.3g} K (median), the lowest of these choices; "
+            f"the highest is {float(of_choice.isel(worst)):.3g} K, with {_in_words(ds, worst)}.",
+        }
+        if "motor_travel" in ds:
+            travel = [float(ds["motor_travel"].isel(place).median()) for place in (best, worst)]
+            answer["It costs"] = f"the motor travels {travel[0]:.3g} strokes (median) instead of {travel[1]:.3g}."
+        rmse = rmse.isel(best, drop=True)
+    else:
+        low, middle, high = (float(rmse.quantile(q)) for q in (0.05, 0.5, 0.95))
+        found_at = f"{middle:.3g} K in the median, {low:.3g} to {high:.3g} K in 5 to 95 % of the loops"
+        answer = {"Found": f"the RMS error is {found_at}."}
+    where, error = _largest(rmse, "median")
+    return answer | ({"It fails": f"the error is largest at {where}: {error:.3g} K (median)."} if where else {})
 
 
 def _predicted(ds: xr.Dataset) -> list[str]:
