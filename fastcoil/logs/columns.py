@@ -227,36 +227,29 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
     return {name: column for name, column in found.items() if column is not None}
 
 
-def find_unit(table: Table, series: Series, column: int, given: str | None, has_command: bool = False) -> str | None:
-    """Unit of a column: from its header or the row below, or as ``given``; None, and a problem, if none is known.
+def find_unit(
+    table: Table, series: Series, column: int, given: str | None, *, by_cells: str = "", has_command: bool = False
+) -> str | None:
+    """Unit of a column: by its header, the row below it, its cells, or as ``given``; None, and a problem, without one.
 
-    has_command: whether a command has an option for the argument ``units``, for the message.
+    by_cells: the unit behind most of its numbers, blank if there is none.  has_command: whether a command has an option
+    for the argument ``units``, for the message.
     """
-    units, header = table.declared_units(column), table.header[column]
-    if len(units) > 1 and not series.is_same_unit(*units):
-        table.problems.append(
-            f"{series.name} is in {shown(units[0])} by its header, in {shown(units[1])} by the row of units: delete one"
-        )
-        return None
-    declared = units[0] if units else None
-    if given and declared and not table.units and not header.endswith("]"):
-        if not series.is_same_unit(given, declared):
-            table.notes.append(
-                f"{series.name} is read in {shown(given)}, not in {shown(declared)} as its header has it"
-            )
-        declared = None  # what stands in round brackets may be a remark
-    unit = declared or given or ("1" if series.needs_no_unit else None)
-    if declared and given and declared != given:
-        both = f"{shown(declared)} by its header, in {shown(given)} by units"
-        table.problems.append(f"{series.name} is in {both}: drop one")
-    elif not unit:
+    sources = table.declared_units(column) | {"by its cells": by_cells, "by units": given}
+    units = {source: unit for source, unit in sources.items() if unit}
+    if not units and not series.needs_no_unit:
         meant, why = _unit_by_numbers(table, series, column)
         cure = f"{table.cure_of_unit(column, meant)}, or pass units={{{series.name!r}: {meant!r}}}"
         cure += f", --unit {series.name}='{meant}'" * has_command
         table.problems.append(f"{series.name} has no unit{why}: {cure} ({series.known_units})")
-    else:
-        with collecting(table.problems):
-            return series.spelled(unit)
+        return None
+    (source, unit), *others = units.items() or [("", "1")]
+    with collecting(table.problems):
+        found = series.spelled(unit)
+        for other, second in others:
+            if not series.is_same_unit(unit, second):
+                raise InputError(f"{series.name} is in {shown(unit)} {source}, in {shown(second)} {other}: drop one")
+        return found
     return None
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
 from fastcoil.logs.columns import Reading, Wanted, find_unit, marked_by_status
 from fastcoil.logs.plausibility import above_saturation, are_exchanged, looks_like, misread_units
@@ -171,30 +171,23 @@ def _unit_of(
     table: Table, series: Series, column: int, given: str | None, cells: Cells, has_command: bool
 ) -> str | None:
     """Unit of a column, by its header, as ``given``, or by its cells; None, and a problem, if none is known."""
-    n_numbers = int(np.sum(~np.isnan(cells.values)))
-    if 2 * len(cells.units) < n_numbers or not cells.units:
-        unit = find_unit(table, series, column, given, has_command)
-        if unit is not None:  # a number with another unit among others is no number of this column
-            cells.values[[k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]] = np.nan
+    numbers = np.flatnonzero(~np.isnan(cells.values)).tolist()
+    by_cells = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
+    unit = find_unit(table, series, column, given, by_cells=by_cells, has_command=has_command)
+    if unit is None:
+        return None
+    odd = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
+    if not by_cells:
+        cells.values[odd] = np.nan  # a number with another unit among others is no number of this column
         return unit
-    first = next(iter(cells.units.values()))
-    with collecting(table.problems):
-        unit = series.spelled(first)
-        by_header = next(iter(table.declared_units(column)), None)
-        declared = by_header or given
-        odd = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
-        bare = [k for k in np.flatnonzero(~np.isnan(cells.values)).tolist() if k not in cells.units]
-        if declared and not series.is_same_unit(declared, unit):
-            where = "by its header" if by_header else "by units"
-            table.problems.append(f"{series.name} is in {shown(first)} by its cells, in {shown(declared)} {where}")
-        elif odd or (bare and not declared):
-            k = (odd or bare)[0]
-            cell, row = shown(table.rows[k][column]), table.row_numbers[k]
-            table.problems.append(f"{series.name} = {cell} in row {row}: others are in {shown(first)}, write one unit")
-        else:
-            table.notes.append(f"{series.name} is in {shown(first)} by its cells")
-            return unit
-    return None
+    declared = given or table.declared_units(column)
+    odd += [] if declared else [k for k in numbers if k not in cells.units]
+    if odd:
+        cell, row = shown(table.rows[odd[0]][column]), table.row_numbers[odd[0]]
+        table.problems.append(f"{series.name} = {cell} in row {row}: others are in {shown(by_cells)}, write one unit")
+        return None
+    table.notes.append(f"{series.name} is in {shown(by_cells)} by its cells")
+    return unit
 
 
 def _suspect_live_zero(series: Series, values: Array, how: Reading, notes: list[str]) -> None:

@@ -346,12 +346,12 @@ class Table:
                 return k
         return 0 if is_time(self.rows[0][0]) and not is_time(self.header[0]) else None
 
-    def declared_units(self, column: int) -> list[str]:
-        """Units of a column by its header and by a row of units below; empty if it has none."""
+    def declared_units(self, column: int) -> dict[str, str]:
+        """Units of a column by where they are declared: ``by its header`` and ``by the row of units``."""
         by_header = label_and_unit(self.header[column])[1]
         below = self.units[column] if self.units else ""
-        known_below = below and (by_header is None or is_unit(below))
-        return [unit for unit in (by_header, below if known_below else None) if unit is not None]
+        units = {} if by_header is None else {"by its header": by_header}
+        return units | ({"by the row of units": below} if below and (not units or is_unit(below)) else {})
 
     def cure_of_unit(self, column: int, unit: str) -> str:
         """How to declare the unit of a column in the log itself."""

@@ -90,7 +90,7 @@ def mutated(kind, r, heats):
         ("all °F, no unit", "T_sup has no unit, and its values look like °F: write 'T_sup [degF]'"),
         ("one °F", ""),
         ("one °C as °F", ""),
-        ("unit row", "by its header, in 'degF' by the row of units: delete one"),
+        ("unit row", "by its header, in 'degF' by the row of units: drop one"),
         ("RH as a fraction", "declared in %, and its numbers look like a fraction: write 'RH_a_in [1]' in the header"),
         ("command as a fraction", "declared in %, and its numbers look like a fraction: write 'command [1]'"),
         ("command without a unit", "its values look like percent: write 'command [%]'"),

@@ -76,7 +76,7 @@ def test_a_row_of_units_is_checked_as_a_header_is(tmp_path):
     header = ("timestamp", "command", "T_sup")
     assert "T_sup is in 'bar' (known units: degC, degF, K)" in only_problem(read, tmp_path, text_of(cells, header))
     said = only_problem(read, tmp_path, text_of([["", "%", "K"], *rows()], header), units={"T_sup": "degC"})
-    assert "T_sup is in 'K' by its header, in 'degC' by units" in said
+    assert "T_sup is in 'K' by the row of units, in 'degC' by units" in said
 
 
 @pytest.mark.parametrize(
@@ -100,12 +100,12 @@ def test_such_columns_are_asked_for_with_or_without_their_unit(tmp_path, header)
     assert_same_log(read(tmp_path, text, columns=full))
 
 
-def test_a_remark_in_round_brackets_gives_way_to_a_declared_unit(tmp_path):
-    text = text_of(rows(), ("timestamp", "command (V)", "T_sup [degC]"))
-    log = read(tmp_path, text, units={"command": "%"})
-    assert_same_log(log)
-    assert log.notes == ["command is read in '%', not in 'V' as its header has it"]
-    assert not read(tmp_path, text_of(rows(), ("timestamp", "command (%)", HEADER[2])), units={"command": "%"}).notes
+def test_a_unit_that_contradicts_the_header_is_refused_and_another_spelling_is_not(tmp_path):
+    text = text_of(rows(), ("timestamp", "command (V)", HEADER[2]))
+    said = only_problem(read, tmp_path, text, units={"command": "%"})
+    assert "command is in 'V' by its header, in '%' by units: drop one" in said
+    text = text_of(rows(), ("timestamp", "command (%)", HEADER[2]))
+    assert not read(tmp_path, text, units={"command": "percent"}).notes
 
 
 @pytest.mark.parametrize(
