@@ -14,8 +14,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from fastcoil.base.arguments import checking, choice_of, mapping_of, path_of, text_of, whole_of
-from fastcoil.base.errors import InputError, WrongType
+from fastcoil.base.arguments import checking, choice_of, whole_of
 from fastcoil.base.files import commit, make_folder, read_bytes, storage_errors
 
 if TYPE_CHECKING:
@@ -120,15 +119,6 @@ def check_format(format: str, dpi: object) -> None:
         check(whole_of, "dpi", dpi, low, high, f"give a whole number from {low} to {high}")
 
 
-def _check_figures(figures: Mapping[str, Figure]) -> None:
-    """Raise an `InputError` unless ``figures`` maps file names to figures."""
-    cure = "give figures by file name, such as {'rmse': figure}"
-    for name, figure in mapping_of("figures", figures, cure).items():
-        path_of("figures", name, cure)
-        if not hasattr(type(figure), "savefig"):
-            raise InputError(WrongType(f"figures has a {type(figure).__name__}: {cure}"))
-
-
 def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str | None = None) -> bytes:
     """Encode a figure as the bytes of a file; ``drawn_from``: ``content_sha256`` of the results it shows."""
     from matplotlib import rc_context
@@ -148,31 +138,10 @@ def encode(figure: Figure, format: str = "png", dpi: int = DPI, drawn_from: str 
 def write(
     figures: Mapping[str, Figure], folder: Path, *, format: str = "png", dpi: int = DPI, drawn_from: str | None = None
 ) -> list[Path]:
-    """Write figures into a folder, which is created if missing, and return their paths.
+    """Write figures, given by file name without suffix, into a folder, which is made if missing; return their paths.
 
-    Parameters
-    ----------
-    figures
-        Figures by file name without suffix.
-    format
-        ``png``, ``pdf`` or ``svg``.
-    dpi
-        Dots per inch of a PNG and of rasterised maps in a PDF or SVG, 50 to 1200.
-    drawn_from
-        ``content_sha256`` of the results that the figures show, stored in their metadata; see ``origin``.
-
-    Raises
-    ------
-    InputError
-        If ``format`` or ``dpi`` is invalid.
-    StorageError
-        If a file cannot be written; no partial file remains.
+    drawn_from: ``content_sha256`` of the results that they show, stored in their metadata; see ``origin``.
     """
-    with checking() as check:
-        check(check_format, format, dpi)
-        folder = check(path_of, "folder", folder, "give the path of a folder")
-        check(_check_figures, figures)
-        check.unless_none(text_of, "drawn_from", drawn_from)
     with storage_errors(folder, "made"):
         make_folder(folder, parents=True)
     paths = []

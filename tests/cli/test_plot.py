@@ -12,7 +12,7 @@ from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
-SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.5, 1.0, 1.2]\n[boundary]\nhours = 1\n"
+SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0.0, 0.2, 0.5, 0.8, 1.0, 1.1, 1.2]\n[boundary]\nhours = 1\n"
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_a_plain_pi_and_an_inverse_have_rows_of_their_own_and_labels_without_one
     words = ("-x", "backlash", "--metric", "rmse", "-o", tmp_path / "rows.svg")
     drawn = plot(folder, *words)
     assert drawn.exit_code == 0
-    assert "Left out: 1 of 4 labels; choose with --at estimate_ratio=LABEL." in drawn.output
+    assert "Left out: 4 of 7 labels; choose with --at estimate_ratio=LABEL." in drawn.output
     assert "Left out" not in plot(folder, *words, "--at", "estimate_ratio=0", "--at", "estimate_ratio=1.2").output
     assert plot(folder, *words).exit_code == 0
     text = (tmp_path / "rows.svg").read_text()
