@@ -186,13 +186,6 @@ def test_nobody_looks_at_a_test_a_worker_or_a_thread(look, monkeypatch):
     assert not shown_at_all()
 
 
-def test_no_progress_on_a_terminal_that_was_told_so(look):
-    terminal = look()
-    with progress_of_call(False) as progress:
-        progress.start(1)(1)
-    assert terminal.getvalue() == ""
-
-
 def test_a_stderr_that_nobody_reads_ends_no_run(outside_of_tests, monkeypatch):
     class Gone(io.StringIO):
         def write(self, text):

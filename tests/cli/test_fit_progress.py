@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import pty
 import signal
@@ -47,28 +46,6 @@ def test_every_ten_seconds_a_line_says_how_much_is_done_and_how_long_the_rest_ta
     clock[0] += 60.0
     fitting.get()()
     assert capsys.readouterr().err == ""
-
-
-def test_on_a_terminal_it_is_a_bar_that_goes_away(clock, monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    shown = Terminal()
-    monkeypatch.setattr(sys, "stderr", shown)
-
-    def interrupted_fit():
-        with fit_progress():
-            fitting.get()("starts", 0, 768)
-            clock[0] += 2.0
-            fitting.get()("descents", 2, 5)
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted_fit()
-    assert "2/5" in shown.getvalue()
-    assert "descents" in shown.getvalue()
-    assert shown.getvalue().endswith("\x1b[?25h") or "\x1b[2K" in shown.getvalue()  # the cursor is back, the line gone
 
 
 @pytest.mark.full
