@@ -12,7 +12,10 @@ from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
 
-SMALL = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0, 0.2, 0.5, 0.8, 1, 1.1, 1.2]\n[boundary]\nhours = 1\n"
+SMALL = (
+    "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\nestimate_ratio = [0, 0.2, 0.5, 0.8, 1, 1.1, 1.2]\n"
+    "[boundary]\nhours = 1\n"
+)
 
 
 @pytest.fixture(scope="module")
