@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +47,7 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
         return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
     if stroke > FULL_SWING:
         share = f"{100 * stroke:.0f} %"
-        return Cause(TUNING, f"the command swings over {share} of the stroke, more than a gap makes it: lower the gain")
+        return Cause(TUNING, f"the command swings over {share} of the stroke, more than a gap makes it")
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := too_little(fitted):
@@ -61,7 +62,7 @@ def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
         sum(_swings_alike(quiet.played(gap, gain), swing) for gain in GAINS) for gap in (fitted.backlash, 0.0)
     )
     if without >= _MOST:
-        return Cause(TUNING, "the loop would hunt with a perfect valve, too: lower the gain")
+        return Cause(TUNING, "the loop would hunt with a perfect valve, too")
     if with_gap >= _MOST and without == 0:
         if identified:
             return Cause(BACKLASH, "the loop would not hunt without it")
@@ -98,6 +99,7 @@ WORDS = {
     "no_gap": "no gap",
     "half_gap": "half the gap",
     "half_gain": "half the gain",
+    "simc": "gains of SIMC",
     "inverse": "a backlash inverse",
 }
 _MEANINGS = {
@@ -110,17 +112,32 @@ _MEANINGS = {
 }
 
 
+def simc_gains(fitted: FittedLoop, cause: str) -> tuple[float, float]:
+    """kp, 1/K, and ti, s, after SIMC for the fitted plant where it is steepest; no larger kp for a loop that hunts.
+
+    Half of the smaller lag counts as dead time (Skogestad 2003).
+    """
+    slow, fast = max(fitted.plant.lags), min(fitted.plant.lags)
+    dead = fitted.plant.delay * fitted.plant.step + 0.5 * fast + 0.5 * fitted.pi.sample_time
+    lag, steepest = slow + 0.5 * fast, max(abs(fitted.plant.slope(opening)) for opening in (0.0, 1.0))
+    kp = lag * (1.0 - fitted.backlash) / (2.0 * steepest * dead)
+    kp = kp if cause == NONE else min(kp, abs(fitted.pi.kp))
+    return float(f"{math.copysign(kp, fitted.pi.kp):.2g}"), float(f"{min(lag, 8.0 * dead):.2g}")
+
+
 def predictions_of(fitted: FittedLoop, cause: str) -> xr.Dataset:
     """The day of the loop in every case: numbers along ``case``, NaN where there is a ``doubt``.
 
     The cause is judged without the fast disturbances of the log, and a case is predicted with them: what is left of the
     swing in them may go on without the gap.  Where the two disagree, nothing is predicted.
     """
+    (kp, ti), pi = simc_gains(fitted, cause), fitted.pi
     found: dict[str, Outcome | str] = {
         "as_found": what_if(fitted),
         "no_gap": what_if(fitted, backlash=0.0),
         "half_gap": what_if(fitted, backlash=0.5 * fitted.backlash),
         "half_gain": what_if(fitted, kp_factor=0.5),
+        "simc": what_if(fitted, kp_factor=kp / pi.kp, ti_factor=ti / pi.ti),
         "inverse": what_if(fitted, estimate=fitted.backlash, buffer=BUFFER),
     }
     without = found["no_gap"]
@@ -130,5 +147,9 @@ def predictions_of(fitted: FittedLoop, cause: str) -> xr.Dataset:
     for name, (unit, meaning) in _MEANINGS.items():
         values = [np.nan if isinstance(one, str) else float(getattr(one, name)) for one in found.values()]
         ds[name] = ("case", values, {"units": unit, "long_name": meaning})
+    gains = {"half_gain": (0.5 * pi.kp, pi.ti), "simc": (kp, ti)}
+    of_cases = [gains.get(case, (pi.kp, pi.ti)) for case in found]
+    ds["kp"] = ("case", [abs(of_case[0]) for of_case in of_cases], {"units": "K-1", "long_name": "gain"})
+    ds["ti"] = ("case", [of_case[1] for of_case in of_cases], {"units": "s", "long_name": "integral time"})
     ds["doubt"] = ("case", [one if isinstance(one, str) else "" for one in found.values()])
     return ds

@@ -148,7 +148,7 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
             f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
-            "hides the gap: halve the gain and log again"
+            "hides the gap: raise Ti until the loop is calm, and log again"
         )
     elif grid.increment > LARGEST_INCREMENT:
         reason = (

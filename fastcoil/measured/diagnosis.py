@@ -11,6 +11,7 @@ import xarray as xr
 
 from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.base.results import Result, as_toml, toml_table
+from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise, per_cent
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
 from fastcoil.measured.identify import GOOD
 
@@ -62,10 +63,13 @@ class Diagnosis(Result):
         gain, integral time and sample time of the controller, gain of the plant, where the loop could be
         modelled.
     predictions
-        Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``inverse``): what the fitted loop
-        does on this log's day; NaN where that cannot be predicted, with the ``doubt``.  None where there is no model.
+        Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``simc``, ``inverse``): kp and ti,
+        and what the fitted loop does on this log's day; NaN where that cannot be predicted, with the ``doubt``.  None
+        where there is no model.
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
+    advice
+        What to do, in a sentence, with kp and ti.
     notes
         What was left out of the log, what was assumed, and what could not be computed.
     """
@@ -88,8 +92,26 @@ class Diagnosis(Result):
         """The diagnosis in words, line by line."""
         hours = self.signals.attrs["hours"]
         lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
-        lines += [_gap(self), _hunting(self), *_cures(self)]
+        lines += [_gap(self), _hunting(self), *_predicted(self), *filter(None, [self.advice])]
         return lines + [f"Note: {note}" for note in self.notes]
+
+    @property
+    def advice(self) -> str:
+        """What to do, in a sentence, by the rule of ``fc.explain``; empty where the log shows nothing to do."""
+        if self.cause == DISTURBANCE:
+            return "Leave the gains: the swing comes from outside the loop."
+        if self.predictions is None:
+            return _BY_STEP_TEST if self.hunts else ""
+        tried = {"as_found": (AS_IS, "as found"), "simc": (SIMC, _gains_of(self.predictions))}
+        if self.identified and self.backlash > GOOD:
+            tried |= {"inverse": (INVERSE, f"inverse of {per_cent(self.backlash)}"), "no_gap": (REPAIRED, "repair")}
+        options = []
+        for case, (name, words) in tried.items():
+            one = self.predictions.sel(case=case)
+            hunts = self.hunts if case == "as_found" else bool(one["hunts"] > 0.0)
+            options.append(Option(name, words, float(one["rmse"]), float(one["travel_per_day"]), hunts))
+        found = advise(options)
+        return found.text if found.best or not self.hunts else _BY_STEP_TEST
 
     def plot(self) -> Figure:
         """The diagnosis on one page, as a matplotlib ``Figure``."""
@@ -145,11 +167,11 @@ def _hunting(d: Diagnosis) -> str:
     return f"Hunting: ± {size:.2g} K every {every}{blamed.get(d.cause, ';')} {d.because}"
 
 
-def _cures(d: Diagnosis) -> list[str]:
-    """What the fitted loop would do with another valve, tuning or controller, and what would stop its hunting."""
+def _predicted(d: Diagnosis) -> list[str]:
+    """What the fitted loop would do with other gains, another valve or an inverse."""
     if d.predictions is None:
         return []
-    cases = {"as_found": "As found", "half_gain": "With half the gain"}
+    cases = {"as_found": "As found", "simc": f"With {_gains_of(d.predictions)}"}
     if d.identified and d.backlash > GOOD:
         cases |= {"no_gap": "Without the gap", "half_gap": "With half the gap", "inverse": "With a backlash inverse"}
     hunting = float(d.predictions["hunts"].sel(case="as_found"))
@@ -162,9 +184,15 @@ def _cures(d: Diagnosis) -> list[str]:
             f"{float(one['reversals_per_day']):.0f} times a day{stops}"
         )
         lines.append(f"{words}: " + (f"not predicted: {one['doubt'].values}" if str(one["doubt"].values) else answer))
-    calm = d.predictions.where(d.predictions["hunts"] == 0.0, drop=True).sortby("rmse")["case"].values
-    cures = [WORDS[case] for case in calm if case in cases]
-    return lines + [f"What would stop the hunting: {', or '.join(cures)}"] * bool(hunting and cures)
+    return lines
+
+
+def _gains_of(predictions: xr.Dataset) -> str:
+    kp, ti = (float(predictions[name].sel(case="simc")) for name in ("kp", "ti"))
+    return f"kp {kp:g} 1/K, ti {ti:g} s"
+
+
+_BY_STEP_TEST = "Do this: raise Ti to the lag of one step test (see the page on hunting), and log again."
 
 
 _TELLING = 7200.0  # seconds that are drawn

@@ -291,7 +291,7 @@ def identify_backlash(
             "as often as the controller acts, say its sample time, and change the set-point up and down"
         )
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
-        doubt = "the command runs to its ends again and again: lower the gain of the controller, and log again"
+        doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
     return _judged([one for one in found if one], provoked, doubt, counts)._replace(late=samples * interval)
 
 

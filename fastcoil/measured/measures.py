@@ -216,8 +216,8 @@ def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
     watched, piece = float(calm.sum()) * grid.interval, longest_run(calm) * grid.interval
     if watched < LEAST_WATCHED:
         return (
-            f"the loop is settled and in control for {watched / 60:.0f} min only: log an hour or more with the "
-            "set-point held"
+            f"the loop is settled and in control for {watched / 60:.0f} min only: log longer, with half an "
+            "hour between two changes of the set-point"
         )
     if piece < LEAST_PIECE:
         return f"the log has no more than {piece / 60:.0f} min in one piece: log without gaps, or bridge them (max_gap)"
@@ -226,6 +226,6 @@ def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
     if swing.peak_to_peak > WIDE and swing.regularity > REGULAR:
         return (
             f"the temperature swings by ± {swing.peak_to_peak / 2:.2g} K about every {swing.period / 60:.0f} min, but "
-            "not evenly enough to be sure: log every 10 s, some hours with the set-point held"
+            "not evenly enough to be sure: log every 10 s, with half an hour between two changes of the set-point"
         )
     return ""

@@ -51,7 +51,7 @@ def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(res
     doubted = _doubted(FOUND, *restless)
     assert not doubted.identified
     assert (doubted.low, doubted.high) == (0.0, CANDIDATES[-1])
-    assert "halve the gain" in doubted.reason
+    assert "raise Ti until the loop is calm" in doubted.reason
     assert _doubted(FOUND, *forced) is FOUND
     wide = _doubted(FOUND._replace(low=0.0, high=0.2), *forced)
     assert (wide.identified, wide.high) == (False, 0.2)
