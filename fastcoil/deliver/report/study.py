@@ -33,8 +33,9 @@ from fastcoil.deliver.report.page import (
     span,
 )
 from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of, quantity_of_values
-from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.paired import Middle, change_of, middle_of, without_off_days
+from fastcoil.study.analysis.selected import own_metrics
 from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.folder.results import open_finished
@@ -135,13 +136,6 @@ def _along(ds: xr.Dataset, dim: str, only: str) -> Table:
         rows.append([_label(ds, dim, k), middle, f"{low} to {high}", *_others(one)])
     note = f"Medians{only} over everything else.  {left_out(ds.sizes[dim], len(rows), 'values')}".strip()
     return Table(f"Along {quantity_of(ds, dim).text}", head, rows, note)
-
-
-def own_metrics(ds: xr.Dataset) -> list[str]:
-    """The numbers that a study's own ``reduce`` gave for every scenario."""
-    known, dims = {"status", *METRICS, *PREDICTIONS}, set(ds["status"].dims)
-    own = {str(n): v for n, v in ds.data_vars.items() if n not in known}
-    return [name for name, values in own.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
 
 
 def _others_head(ds: xr.Dataset) -> list[str]:

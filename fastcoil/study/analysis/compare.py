@@ -20,6 +20,7 @@ from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_v
 from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
 from fastcoil.study.analysis.paired import OF_THRESHOLD, STATISTICS, in_shares, statistics_of
+from fastcoil.study.analysis.selected import own_metrics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -192,7 +193,7 @@ def compare(
         check(
             mapping_of, "baseline", baseline, 'must be a dict of dimension and label, such as {"estimate_ratio": 0.0}'
         )
-    names = given or [n for n in map(str, ds.data_vars) if (m := _COMPARED.get(_base(n))) and not m.flags]
+    names = given or [name for name in _comparable(ds) if _base(name) not in PREDICTIONS]
     _check(ds, baseline, over, names)
     units = sorted({str(ds[name].attrs.get("units", "1")) for name in names})
     if threshold is not None and not relative and len(units) > 1:
@@ -227,12 +228,15 @@ def compare(
     return Comparison(results, coords={**labels, "statistic": list(asked)}, attrs=attrs)
 
 
-_COMPARED = METRICS | COSTS
-
-
 def _base(name: str) -> str:
     """The name of a metric or cost without what makes it one of a year."""
     return name.removeprefix(YEARLY)
+
+
+def _comparable(ds: xr.Dataset) -> list[str]:
+    """Metrics, costs, predictions and the numbers of a study's own ``reduce``, without flags."""
+    known = {n for n, each in METRICS.items() if not each.flags} | {*COSTS, *PREDICTIONS, *own_metrics(ds)}
+    return [name for name in map(str, ds.data_vars) if _base(name) in known]
 
 
 def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: list[str]) -> None:
@@ -258,10 +262,11 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             listed = ", ".join(map(str, labels[:10]))
             problems.append(f"baseline: {dim} has no label {given}; choose one of {listed}")
     for name in names:
-        if name not in ds.data_vars or _base(name) not in _COMPARED | PREDICTIONS:
+        if name not in ds.data_vars:
             problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
-        elif name in METRICS and METRICS[name].flags:
-            problems.append(f"metrics: {name!r} is a flag, which has no differences: leave it out")
+        elif name not in _comparable(ds):
+            kind = "a flag" if name in METRICS else "no number for each scenario"
+            problems.append(f"metrics: {name!r} is {kind}, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")
     if problems:

@@ -11,6 +11,7 @@ import xarray as xr
 
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
+from fastcoil.model.metric_table import METRICS, PREDICTIONS
 
 _MOST_LABELS = 12
 """That a message lists; a parameter with more values than that along another dimension has none to choose from."""
@@ -22,6 +23,13 @@ def numeric_dims(values: xr.DataArray) -> list[str]:
         str(d) for d in values.dims
         if is_parameter(values, d) and d in values.coords and values[d].dtype.kind in "if" and values.sizes[d] > 1
     ]  # fmt: skip
+
+
+def own_metrics(ds: xr.Dataset) -> list[str]:
+    """The numbers that a study's own ``reduce`` gave for every scenario."""
+    known, dims = {"status", *METRICS, *PREDICTIONS}, set(ds["status"].dims)
+    own = {str(n): v for n, v in ds.data_vars.items() if n not in known}
+    return [name for name, values in own.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
 
 
 def is_label(label: object, text: str) -> bool:

@@ -175,6 +175,18 @@ def test_numbers_in_other_units_are_refused_and_labels_in_another_order_are_the_
         assert caught.value.problems == [sentence]
 
 
+def test_a_metric_of_the_study_s_own_is_compared_like_ours():
+    ds = result(("kp", "day"), rmse=[[1.0, 2.0], [1.5, 2.5]])
+    own = ds.assign(peak=(10 * ds.rmse).assign_attrs(units="degC", long_name="highest temperature"))
+    found = fc.compare(own, baseline={"kp": 0}, over="day")
+    assert found.peak.sel(kp=1, statistic="mean") == pytest.approx(5.0)
+    assert found.to_table().loc["highest temperature [°C]", "1"]["difference (95 %)"].startswith("+5")
+    with pytest.raises(fc.InputError, match="'T_sup' is no number for each scenario"):
+        fc.compare(
+            own.assign(T_sup=ds.rmse.expand_dims(elapsed_time=2)), baseline={"kp": 0}, over="day", metrics="T_sup"
+        )
+
+
 def test_relative_differences_are_those_of_shares_of_the_partner():
     rng = np.random.default_rng(8)
     values = rng.uniform(0.5, 2.0, (3, 6))
