@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 from fastcoil.base.progress import duration
 from fastcoil.cli.arguments import PATH, labels_of
@@ -166,23 +168,19 @@ def paper(words: tuple[str, ...]) -> None:
 @click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
     """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
-    from fastcoil.study.file.starters import shipped_studies, shipped_study
+    from fastcoil.study.file.starters import TEMPLATE, shipped_studies
 
     if only_list:
-        for each in shipped_studies():
-            say(f"{each.name:<20}{each.title}")
+        for each, text in shipped_studies().items():
+            say(f"{each:<20}{tomllib.loads(text)['title']}")
         return
-    if name is None:
-        from fastcoil.study.file.starters import TEMPLATE
-
-        path, text, analysis = study or Path("study.toml"), TEMPLATE, ""
-    else:
-        chosen = shipped_study(name)
-        path, text, analysis = study or Path(f"{name}.toml"), chosen.text, chosen.analysis
+    texts = {"study": TEMPLATE} if name is None else shipped_studies()
+    name = choice_of("--from", name or "study", texts)
+    path, text = study or Path(f"{name}.toml"), texts[name]
     _write_new(path, text)
     say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
-    if analysis:
-        say(f"Analysis: {analysis}")
+    # the script that does what `fastcoil run` does not
+    say(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
 
 
 def _write_new(path: Path, text: str) -> None:

@@ -31,9 +31,7 @@ def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
 
 
 def test_every_study_of_the_repository_is_shipped_as_it_is():
-    assert {study.name: study.text for study in shipped.shipped_studies()} == {
-        name: path.read_text(encoding="utf-8") for name, path in STUDIES.items()
-    }
+    assert shipped.shipped_studies() == {name: path.read_text(encoding="utf-8") for name, path in STUDIES.items()}
 
 
 def test_a_shipped_study_is_written_under_its_name_or_another(fastcoil, tmp_path):
@@ -73,7 +71,11 @@ def test_an_unknown_study_is_answered_with_the_nearest_and_the_list(fastcoil, tm
 def test_a_study_that_a_script_analyses_says_so(fastcoil):
     said = fastcoil("init", "--from", "learning_step").output
     assert "Analysis: `python -m studies learning`" in said
-    analysed = {study.name: study.analysis for study in shipped.shipped_studies() if study.analysis}
+    analysed = {
+        name: text.partition("# Analysis: ")[2].partition("\n")[0]
+        for name, text in shipped.shipped_studies().items()
+        if "# Analysis: " in text
+    }
     assert analysed.keys() == {
         "hunting", "learners", "learning_step", "learning_failures", "remedies", "valve_population",
         "valve_sensitivity", "wear", "year",
@@ -93,4 +95,4 @@ def test_an_installed_package_has_its_own_studies(tmp_path, monkeypatch):
         shipped.shipped_studies()
     (tmp_path / "fastcoil" / "studies" / "mine").mkdir(parents=True)
     (tmp_path / "fastcoil" / "studies" / "mine" / "mine.toml").write_text('title = "Mine"')
-    assert [study.title for study in shipped.shipped_studies()] == ["Mine"]
+    assert shipped.shipped_studies() == {"mine": 'title = "Mine"'}
