@@ -198,7 +198,7 @@ def test_mistakes_are_found_before_anything_is_computed(path, tmp_path):
 @pytest.mark.kernel
 @pytest.mark.parametrize("backend", ["threads", pytest.param("loky", marks=pytest.mark.full)])
 def test_a_rule_in_a_file_named_like_a_module_of_python_takes_the_place_of_none(tmp_path, backend):
-    code = "if __name__ == 'csv': raise SystemExit\ndef last(t): return t.max('elapsed_time').rename(T_sup='most')\n"
+    code = "if __name__ == 'csv': raise SystemExit(1)\ndef last(t): return t.max('elapsed_time').rename(T_sup='most')\n"
     (tmp_path / "csv.py").write_text(code)
     (tmp_path / "s.toml").write_text(
         '[loop]\n[boundary]\nhours = 0.6\n[run]\ntraces = ["T_sup"]\nreduce = "csv:last"\n'
