@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from helpers.commands import fastcoil
 from helpers.pages import Page
+from helpers.results import result
 from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
 
 import fastcoil as fc
@@ -17,6 +18,7 @@ from fastcoil.deliver.report.computed import how
 from fastcoil.deliver.report.page import Code, Section, Table, Words, change, left_out, number, picked, setting, span
 from fastcoil.deliver.report.page import Page as Made
 from fastcoil.deliver.report.study import comparisons
+from fastcoil.study.analysis.summary import findings
 
 pytestmark = pytest.mark.kernel
 
@@ -149,6 +151,20 @@ def test_changes_are_those_within_pairs():
     shown = f"{100 * worst:+.0f} %".replace("-", "−")
     assert said.startswith(f"Backlash 10 %: RMS error {shown} against the sound valve")
     assert "over 9 days" in said
+
+
+def test_the_table_has_the_recommended_estimate_with_the_number_of_the_answer():
+    ratios, factors = np.linspace(0.0, 1.5, 31), np.linspace(1.0, 1.4, 5)
+    rmse = np.outer(1.0 - 0.5 * np.minimum(ratios, 0.55) - 0.02 * ratios, factors)
+    travel = np.outer(1.0 + ratios, factors)
+    metrics = {"rmse": rmse, "motor_travel": travel, "switch_frequency": travel}
+    ds = result(("estimate_ratio", "sample"), {"estimate_ratio": ratios}, **metrics)
+    do, brings, *_ = findings(ds)
+    assert do.endswith("with an estimate of 55 % of the backlash.")
+    (table,) = comparisons(ds)
+    (row,) = [row for row in table.rows if row[0] == "55 %"]
+    assert row[2] == "−29 %"
+    assert "29 % lower" in brings
 
 
 def test_a_metric_of_its_own_has_a_column_with_its_unit():

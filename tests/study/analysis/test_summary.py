@@ -146,6 +146,18 @@ def test_days_off_count_in_no_median():
     said = summary(off)
     assert "In 12 of 20 the loop was off all day" in said[2]
     assert said[3:] == summary(ds)[2:]
+    days = {"rmse": [[0.2, np.nan, np.nan]] * 2, "motor_travel": [[3.0, 0.0, 0.0], [5.0, 0.0, 0.0]]}
+    costs = summary(hand_made(("kp", "day"), {"kp": [0.01, 0.02]}, **days))[-1]
+    assert costs == "It costs: the motor travels 3 strokes (median) instead of 3."
+
+
+def test_it_says_in_which_loops_the_remedy_fails():
+    better, worse = estimates([1.0, 0.8, 0.6, 0.6], [1, 2, 3, 9]), estimates([1.0, 0.8, 1.1, 1.1], [1, 2, 3, 9])
+    ds = xr.concat([better, better, worse], xr.DataArray([0.1, 0.05, 0.01], dims="backlash", name="backlash"))
+    said = summary(ds)[-1]
+    assert said.startswith(
+        "It fails: the error is not lower in 33 % of the loops, most often at backlash = 1 % (100 %); "
+    )
 
 
 def test_choices_without_an_inverse_and_single_scenarios_have_an_answer():
