@@ -26,6 +26,7 @@ _FEWEST_VALUES, _LEAST_TRAVEL = 5, 0.2  # of a command that is a fraction, and n
 _LEAST_G = 0.1  # g/kg
 _SLACK_DEW_POINT, _SLACK_W, _LOWEST_PRESSURE = 1.0, 1.05, 75e3
 """A reading so far above saturation, K and a share, at a pressure up in the mountains, Pa, is none of air."""
+_AT_LIMIT = 0.01  # of the travel
 _FEWEST_ROWS, _MOVES, _STANDS = 50, 0.5, 0.05
 """A set-point that changes in more than one share of the rows, while the temperature does in less than the other."""
 
@@ -56,10 +57,24 @@ def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted
             found[name] = "kg/kg"
         elif is_fraction and (name == "RH_a_in" or moves):
             found[name] = "1"
-    medians = {
-        name: float(np.median(numbers[name])) for name in _TEMPERATURES if name in numbers and numbers[name].size
-    }
+    on = _in_control(values)
+    medians = {}
+    for name in _TEMPERATURES:
+        if name in values and (known := values[name][on][np.isfinite(values[name][on])]).size:
+            scale, offset = COLUMNS[name].units[units[name]]
+            medians[name] = (float(np.median(known)) - offset) / scale
     return found | _misread_temperatures(medians, units, trusted)
+
+
+def _in_control(values: Mapping[str, Array]) -> Mask | slice:
+    """Where the loop is in operation, its valve between the limits, (n,); everywhere if that is nowhere or unknown."""
+    sizes = {one.size for one in values.values()}
+    if len(sizes) > 1 or "command" not in values:
+        return slice(None)
+    good = np.abs(values["command"] - 0.5) < 0.5 - _AT_LIMIT
+    if "enabled" in values:
+        good &= values["enabled"] != 0.0
+    return good if good.any() else slice(None)
 
 
 def _misread_temperatures(

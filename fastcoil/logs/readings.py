@@ -107,7 +107,7 @@ def question_units(table: Table, readings: Readings, found: Mapping[str, int], h
         k = int(np.argmax(np.diff(values["T_set"]) != 0.0)) + 1
         table.problems.append(
             f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup stands still, as if they "
-            "were exchanged: exchange the two headers"
+            "were exchanged: exchange the two headers; if they are right, log T_sup in finer steps"
         )
 
 

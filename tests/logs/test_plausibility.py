@@ -130,6 +130,17 @@ def test_the_unit_with_which_nothing_contradicts_is_found(numbers, found):
     assert misread_units(values, units, list(numbers)) == {}
 
 
+def test_only_the_time_in_control_counts():
+    off = np.arange(90) < 60  # a heating coil that is off in most rows
+    values = {"T_sup": np.where(off, 15.0, 38.0), "T_set": np.full(90, 40.0), "command": np.where(off, 0.0, 0.4)}
+    units = {"T_sup": "degC", "T_set": "degC", "command": "%"}
+    assert misread_units(values, units, ()) == {}
+    assert misread_units(values | {"command": np.full(90, 0.4)}, units, ()) == {"T_set": "degF"}
+    assert (
+        misread_units(values | {"enabled": 1.0 - off, "command": np.full(90, 0.4)}, units | {"enabled": "1"}, ()) == {}
+    )
+
+
 @pytest.mark.parametrize("heats", [False, True], ids=["cooling", "heating"])
 def test_a_sound_log_is_read_in_either_unit_without_a_word(tmp_path, heats):
     for seed in range(5):
