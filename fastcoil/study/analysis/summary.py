@@ -223,15 +223,15 @@ def _assume(ds: xr.Dataset, ratio: str, best: float) -> str:
 
 
 def _in_words(ds: xr.Dataset | xr.DataArray, at: Mapping[Hashable, int]) -> str:
-    """Labels in words: those of named alternatives by the parameters that differ between them."""
+    """Labels in words: those of named alternatives by the parameters that differ, where all of these are numbers."""
     words = []
     for dim, k in at.items():
-        along = [str(n) for n, c in ds.coords.items() if c.dims == (dim,) and n in PARAMETERS and c.dtype.kind in "if"]
-        values = {n: ds[n].values for n in along if np.ptp(ds[n].values) > 0.0}
-        values = {n: v for n, v in values.items() if n != "error_dead_band" or v[k] > 0.0}
-        words += [quantity_of(ds, n).equals(float(v[k])) for n, v in values.items()] or [
-            label_in_words(ds, str(dim), k)
-        ]
+        along = {str(n): c.values for n, c in ds.coords.items() if c.dims == (dim,) and n in PARAMETERS}
+        along = {n: v for n, v in along.items() if np.unique(v).size > 1 and (n != "error_dead_band" or v[k] > 0.0)}
+        if along and all(values.dtype.kind in "if" for values in along.values()):
+            words += [quantity_of(ds, n).equals(float(values[k])) for n, values in along.items()]
+        else:
+            words.append(label_in_words(ds, str(dim), k))
     return ", ".join(words)
 
 

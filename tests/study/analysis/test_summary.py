@@ -168,6 +168,11 @@ def test_choices_without_an_inverse_and_single_scenarios_have_an_answer():
     do, brings, costs, fails = summary(found)[2:]
     assert do == "Do this: take proportional gain Kp = 0.01 1/K."
     assert "0.35 K (median)" in brings
+    named = found.rename(kp="controller").assign_coords(
+        controller=["hagglund", "mine"], buffer_ratio=("controller", [0.0, 6.0]),
+        estimator=("controller", ["hagglund", "identify"]),
+    )  # fmt: skip
+    assert summary(named)[2] == "Do this: take hagglund.", "numbers alone would not say which estimator"
     assert costs == "It costs: the motor travels 3.5 strokes (median) instead of 3.5."
     assert fails == "It fails: the error is largest at backlash = 2 %: 0.4 K (median)."
     assert summary(found.isel(kp=0))[-2:] == [
