@@ -35,6 +35,7 @@ from fastcoil.design.explain_page import draw
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import (
+    PARTS,
     Prediction,
     acts_wrong_way,
     left_out,
@@ -371,20 +372,13 @@ def _table(e: Explanation) -> list[str]:
 
 
 _LEAST_SHARE = 0.5  # degrees; less is not shown
-_PARTS = {
-    "integral": "integral of the PI",
-    "coil": "coil",
-    "sensor": "sensor",
-    "sampling": "sampling and hold",
-    "backlash": "backlash (and motor)",
-}
 
 
 def _phase(phase: xr.DataArray) -> list[str]:
     """What each part of the loop takes, the largest first."""
     ordered = phase.sortby(-phase)
     shares = zip(ordered["part"].values.tolist(), ordered.values.tolist(), strict=True)
-    taken = [f"  {_PARTS[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= _LEAST_SHARE]
+    taken = [f"  {PARTS[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= _LEAST_SHARE]
     return [f"Where the 180° of phase go, at one swing in {seconds(float(phase.attrs['period']))}:", *taken]
 
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, is_number, mapping_of, number_of, plain
+from fastcoil.base.arguments import checking, choice_of, is_number, mapping_of, number_of, plain
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.loops.labels import quantity
 from fastcoil.model.metric_table import METRICS
 
@@ -104,7 +104,7 @@ def limits_of(limits: object, quantile: object) -> list[Limit]:
     found = []
     with checking() as check:
         for metric, value in given.items():
-            check(_metric_of, "limits:", metric)
+            check(_metric_of, "limits: metric", metric)
             has_own = isinstance(value, (list, tuple)) and len(value) == 2
             pair: tuple[Any, Any] = value if has_own else (value, quantile)
             most, share = pair
@@ -119,14 +119,7 @@ def limits_of(limits: object, quantile: object) -> list[Limit]:
 
 
 def _metric_of(name: str, metric: object, *, goal: bool = False) -> str:
-    metric = plain(metric)
-    if not isinstance(metric, str):
-        raise InputError(WrongType(f"{name} = {shown(metric)}: give the name of a metric, such as 'rmse'"))
-    known = COUNTED if goal else (*COUNTED, MARGIN)
-    if metric not in known:
-        raise InputError(
-            f"{name} {shown(metric)} is no metric{nearest(metric, known)}; choose one of {', '.join(known)}"
-        )
+    metric = choice_of(name, metric, COUNTED if goal else (*COUNTED, MARGIN))
     if goal and metric in NO_GOALS:
         raise InputError(
             f"{name} = {shown(metric)}: less of it is not better; choose another, such as {', '.join(_ANSWERS)}"

@@ -107,7 +107,14 @@ def shortest_ti(prediction: Prediction, margin: float) -> float:
     return float(grid[k] * (grid[k + 1] / grid[k]) ** share)
 
 
-PARTS = ("integral", "coil", "sensor", "sampling", "backlash")
+PARTS = {
+    "integral": "integral of the PI",
+    "coil": "coil",
+    "sensor": "sensor",
+    "sampling": "sampling and hold",
+    "backlash": "backlash (and motor)",
+}
+"""Parts of a loop that take phase, and what a text calls them."""
 _SLOWEST, _FREQUENCIES = 1e-4, 600  # lowest of the frequencies, rad/s, and their number
 
 
