@@ -280,7 +280,8 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
         if not holds:
             return Advice(0, "None of these makes it hold its set-point.")
         repaired = f"; {effect(better[0], 'a repaired valve would')}" if better else "."
-        return Advice(0, f"Leave it: none of these settings takes 5 % off the error{repaired}")
+        calm = " and stays calm" * any(one.hunts and one.error < BETTER * now.error for one in options)
+        return Advice(0, f"Leave it: none of these settings takes 5 % off the error{calm}{repaired}")
     best = min(able, key=rank, default=0)
     if not best:
         nearest = min(range(len(options)), key=lambda k: np.nan_to_num(options[k].error, nan=np.inf))

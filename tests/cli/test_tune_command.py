@@ -124,7 +124,10 @@ def test_days_to_try_it_on_are_labels_or_a_boundary(study):
         ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = [3]", "[tune] holdout: the boundary has no day 3"),
         ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = 3", "[tune] holdout = 3: give days as in [boundary]"),
         ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = ['a']", "[tune] holdout"),
-        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nlimits = { travel = 3 }", "[tune] limits: metric = 'travel', did you mean"),
+        (
+            "[tune]\nsearch = { kp = [0.01, 0.1] }\nlimits = { travel = 3 }",
+            "[tune] limits: metric = 'travel', did you mean",
+        ),
     ],
 )
 def test_mistakes_in_the_table_name_it(study, table, words):

@@ -61,9 +61,15 @@ def contradictions(loop, found):
         if np.isfinite(m.kp_simc)
     ] if says_hunts and found.recommended in ("as_it_is", "dead_band", "repaired_valve") else []  # fmt: skip
     check("gains cure it, but none is proposed", any(one.hunts == 0 for one in calm_gains))
-    better = [name for name, change in error.items() if change < 0.95]
-    unsaid = "none of these takes 5" in advice or "None of these cures it" in advice
-    check("none is better, but a row is", not says_hunts and unsaid and better)
+    better = {name for name, change in error.items() if change < 0.95}
+    better -= {"repaired_valve"} if "a repaired valve would" in advice else set()
+    if "and stays calm" in advice:
+        better -= {
+            name for name, verdict in zip(words, cures["verdict"].values, strict=True) if verdict == "makes it hunt"
+        }
+    check("none is better, but a row is", "Leave it" in advice and better)
+    cured = any(str(one).startswith("cures it") for one in cures["verdict"].values)
+    check("none stops it, but a row does", "None of these " in advice and cured and found.recommended == "as_it_is")
     margin = re.search(r"margin ([\d.e+-]+); a loop hunts above ([\d.]+)", why)
     if margin:
         above = float(margin[1]) > float(margin[2])
