@@ -317,8 +317,7 @@ def _compared(error: float) -> str:
     return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
 
 
-MINUTES = 120.0
-"""Seconds from which a period is given in minutes."""
+_MINUTES = 120.0  # seconds from which a period is given in minutes
 _NOTHING = 5e-4  # temperature difference that nobody sees, K
 
 
@@ -326,7 +325,7 @@ def seconds(value: float) -> str:
     """A period in words."""
     if not math.isfinite(value):
         return "now and then"
-    return f"{number(value)} s" if value < MINUTES else f"{number(value / 60.0)} min"
+    return f"{number(value)} s" if value < _MINUTES else f"{number(value / 60.0)} min"
 
 
 def kelvin(value: float) -> str:

@@ -15,7 +15,6 @@ from fastcoil.base.text import aligned
 from fastcoil.design.advice import (
     GAINS,
     LONGER_TI,
-    MINUTES,
     REPAIRED,
     UNSURE,
     Advice,
@@ -385,21 +384,14 @@ def _phase(phase: xr.DataArray) -> list[str]:
 def _agreement(e: Explanation, points: xr.Dataset) -> str:
     """What theory predicts beside what the simulation shows."""
     there = points.isel(point=points["hunts"].values > 0.0)
-    swings, periods = 2.0 * there["amplitude"].values, there["period"].values
-    if not swings.size:
-        cycle = "no cycle"
-    elif np.isfinite(swings).any():
-        every = _span(periods, "s") if float(np.nanmax(periods)) < MINUTES else _span(periods / 60.0, "min")
-        cycle = f"{_span(swings, 'K')} peak to peak every {every}"
-    else:
+    swings, cycle = 2.0 * there["amplitude"].values, "no cycle"
+    if np.isfinite(swings).any():
+        k = int(np.nanargmax(swings))
+        cycle = f"up to {kelvin(swings[k])} peak to peak every {seconds(float(there['period'][k]))}"
+    elif swings.size:
         cycle = "a cycle, of a size that theory does not give"
     line = f"Predicted: {cycle}; simulated over the day: {'failed' if e._failed else e._simulated_swing}."
     return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
-
-
-def _span(values: Array, unit: str) -> str:
-    low, high = (number(float(end)) for end in (np.nanmin(values), np.nanmax(values)))
-    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
 def _where(e: Explanation, points: xr.Dataset) -> str:

@@ -188,13 +188,8 @@ def left_out(prediction: Prediction) -> tuple[str, ...]:
     """What the margin does not see, a clause each."""
     found, band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
     if band > 0.0:
-        found.append(
-            f"the error dead band of {band:g} K, which may hold a loop still that is predicted to hunt, or make "
-            "another hunt"
-        )
+        found.append(f"the error dead band of {band:g} K, which may hold a loop still, or make it hunt")
     n, missed = prediction.points.size, int(np.count_nonzero(~prediction.plants.reachable))
     if missed:
-        found.append(
-            f"{missed} of {n} operating points, at which the valve is at its end and cannot hold the set-point"
-        )
+        found.append(f"{missed} of {n} operating points, at which the valve is at its end and misses the set-point")
     return tuple(found)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, path_of, plain
+from fastcoil.base.arguments import checking, flag_of, path_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, WrongType, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import may_be_file
 from fastcoil.base.progress import Shown, progress_of_call
 from fastcoil.design.measures import resolved, violation, with_intervals
@@ -109,7 +109,8 @@ def tune(
     with checking() as check:
         n_threads = check(workers, n_jobs)
         path = check.unless_none(path_of, "kept", kept, "give the path of a file")
-        progress = check.unless_none(_progress_of, "progress", progress)
+        if not callable(progress):
+            progress = check.unless_none(flag_of, "progress", progress)
         asked = check(
             plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
             holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
@@ -121,14 +122,6 @@ def tune(
         return run_tuning(asked, path, progress)
     with progress_of_call(progress) as on_show:
         return run_tuning(asked, path, in_scenario_days(asked, on_show))
-
-
-def _progress_of(name: str, given: Any) -> bool | Report:
-    """True or False, or a function that can be called with two numbers."""
-    flag: bool | Report = plain(given)
-    if not isinstance(flag, bool) and not callable(flag):
-        raise InputError(WrongType(f"{name} = {shown(given)}: give True, False or a function of two numbers"))
-    return flag
 
 
 def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
