@@ -18,7 +18,7 @@ MISSING = frozenset(
     ("", "-", "--", "---", "nan", "null", "none", "nil", "n/a", "na", "#n/a", "#na", "no data", "nodata", "missing")
 )
 """Cells that say that there is no value."""
-_GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "{}"))
+GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "{}"))
 """A status beside a number that does not speak against it; in braces others do."""
 _STATUS = re.compile(r"\{.*\}")  # A status instead of a number
 _ON = frozenset(("on", "true", "yes", "active", "enabled", "run", "running", "start", "started"))
@@ -130,7 +130,7 @@ def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
                 values[k] = float(text.lower() in _ON)
             elif (found := _NUMBER.fullmatch(text)) is not None:
                 unit, brace, status = (found["rest"] or "").partition("{")
-                marked[k] = bool(brace) and brace + status.lower() not in _GOOD
+                marked[k] = bool(brace) and brace + status.lower() not in GOOD
                 number = _written(found["number"].rstrip(), writing)
                 if not math.isnan(number) and (not unit.strip() or is_unit(unit.strip())):
                     values[k] = number

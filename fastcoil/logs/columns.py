@@ -14,6 +14,7 @@ import numpy as np
 from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, path_of, plain
 from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.logs.cells import GOOD
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TIMES, Series, counted, first_row
 from fastcoil.logs.table import STATUS, TIME_HEADERS, Table, label_and_unit
 from fastcoil.logs.timestamps import is_time, time_format_of
@@ -128,7 +129,6 @@ def log_of(name: str, source: Any) -> Any:
     return path_of(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
 
 
-_GOOD = frozenset(("ok", "{ok}", "{}", "good", "normal", "valid"))
 _BAD = frozenset(
     ("fault", "down", "stale", "bad", "uncertain", "invalid", "error", "failed", "null", "disabled", "offline", "alarm",
      "unreliable", "fail", "faulted")
@@ -143,7 +143,7 @@ def status_columns(table: Table) -> list[int]:
         k
         for k, header in enumerate(table.header)
         if label_and_unit(header)[0].strip().lower() in STATUS
-        and any(row[k].strip().lower() in _GOOD for row in table.rows[:_ROWS])
+        and any(row[k].strip().lower() in GOOD for row in table.rows[:_ROWS])
         and all(_is_status(row[k]) for row in table.rows[:_ROWS])
     ]
 
@@ -156,7 +156,7 @@ def marked_by_status(table: Table, columns: Mapping[str, int]) -> dict[str, Mask
     found = [k for k in status_columns(table) if k not in columns.values()]
     marked: dict[str, Mask] = {}
     for k in found:
-        bad = np.array([row[k].strip().lower() not in (*_GOOD, _BLANK) for row in table.rows])
+        bad = np.array([row[k].strip().lower() not in (*GOOD, _BLANK) for row in table.rows])
         names = [
             name
             for name, column in columns.items()
@@ -171,7 +171,7 @@ def marked_by_status(table: Table, columns: Mapping[str, int]) -> dict[str, Mask
 
 def _is_status(cell: str) -> bool:
     word = cell.strip().lower()
-    return word in _GOOD or word in _BAD or word == _BLANK or (word[:1] == "{" and word[-1:] == "}")
+    return word in GOOD or word in _BAD or word == _BLANK or (word[:1] == "{" and word[-1:] == "}")
 
 
 _OUTPUTS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them

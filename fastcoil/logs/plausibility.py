@@ -41,18 +41,16 @@ def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted
     trusted
         Names of columns whose unit is not questioned.
     """
-    numbers = {}
-    for name, one in values.items():
-        scale, offset = COLUMNS[name].units[units[name]]
-        numbers[name] = (one[np.isfinite(one)] - offset) / scale
     found = {}
-    for name, one in numbers.items():
-        family, unit = COLUMNS[name].units, units[name]
-        if name in trusted or not one.size or family[unit][0] == 1.0:
+    for name, one in values.items():
+        family = COLUMNS[name].units
+        scale, offset = family[units[name]]
+        numbers = (one[np.isfinite(one)] - offset) / scale
+        if name in trusted or not numbers.size or scale == 1.0:
             continue
-        top = float(one.max())
+        top = float(numbers.max())
         is_fraction = family in (FRACTION, TRAVEL) and 0.0 < top <= 1.0
-        moves = top > _LEAST_TRAVEL and np.unique(one).size >= _FEWEST_VALUES
+        moves = top > _LEAST_TRAVEL and np.unique(numbers).size >= _FEWEST_VALUES
         if family is HUMIDITY_RATIO and 0.0 < top < _LEAST_G:
             found[name] = "kg/kg"
         elif is_fraction and (name == "RH_a_in" or moves):
