@@ -167,5 +167,6 @@ def test_the_figure_marks_loop_and_cures_on_the_map_and_draws_both_days(hunting)
     edge = next(line for line in gains.lines if line.get_color() == "black" and line.get_linestyle() == "-")
     limit = np.interp(10.0, edge.get_xdata(), edge.get_ydata())
     assert limit == pytest.approx(0.03 * HUNTS_ABOVE / hunting.margin, rel=0.02)
+    assert not np.array_equal(day.lines[0].get_ydata(), day.lines[1].get_ydata())
     names = [line.get_label() for line in day.lines]
     assert names == ["as it is", str(hunting.cures.sel(cure=hunting.recommended)["words"].item()), "set-point"]
