@@ -4,8 +4,6 @@
 value, cure.  ``checking`` collects the errors of several checks and raises them together.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import sys

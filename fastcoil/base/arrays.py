@@ -1,7 +1,5 @@
 """Array types of the host layers, and conversion of array-likes; not in arguments.py, which must not load numpy."""
 
-from __future__ import annotations
-
 from typing import Any, TypeAlias
 
 import numpy as np

@@ -3,8 +3,6 @@
 A write is flushed to disk before its name is in place.  An unreadable path raises; it is not reported as missing.
 """
 
-from __future__ import annotations
-
 import codecs
 import contextlib
 import errno

@@ -1,7 +1,5 @@
 """The version of fastcoil, and the available memory."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator

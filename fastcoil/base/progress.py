@@ -3,8 +3,6 @@
 Not shown for work of less than 2 s, in workers, or in unattended runs.
 """
 
-from __future__ import annotations
-
 import builtins
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Base class for results with text and TOML output."""
 
-from __future__ import annotations
-
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping

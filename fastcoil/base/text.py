@@ -1,7 +1,5 @@
 """Text for people: control characters escaped, numbers formatted."""
 
-from __future__ import annotations
-
 import math
 import re
 import unicodedata

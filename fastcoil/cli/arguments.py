@@ -1,7 +1,5 @@
 """Arguments of commands: paths, and lists of ``NAME=VALUE``."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

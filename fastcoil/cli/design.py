@@ -1,7 +1,5 @@
 """``fastcoil explain``, ``tune`` and ``explore``: why one loop hunts, better settings, a page to play with."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys

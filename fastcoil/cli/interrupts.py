@@ -1,7 +1,5 @@
 """How a command ends: one sentence per mistake, advice on how to resume, warnings on one line."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import signal

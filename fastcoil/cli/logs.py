@@ -1,7 +1,5 @@
 """``fastcoil diagnose`` and ``join``: commands that read trend logs, and the options they share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

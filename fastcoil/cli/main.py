@@ -1,7 +1,5 @@
 """The command ``fastcoil``: the group, and the commands in it.  They import heavy modules when they run."""
 
-from __future__ import annotations
-
 import click
 
 from fastcoil.base.machine import VERSION

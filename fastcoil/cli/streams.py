@@ -1,7 +1,5 @@
 """Standard streams that never raise: a full disk, a closed pipe or a closed descriptor is recorded instead."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import io

@@ -1,7 +1,5 @@
 """limit_cycle: loops x days x seconds -> margin, and whether, how fast and how far each loop hunts."""
 
-from __future__ import annotations
-
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping

@@ -1,7 +1,5 @@
 """linearise: plant, margins and the tunings of SIMC, AMIGO and lambda at each operating point."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple

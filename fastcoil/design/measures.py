@@ -1,7 +1,5 @@
 """Measures of a tuning over valves, days and noise realisations, and their intervals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

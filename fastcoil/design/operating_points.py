@@ -1,7 +1,5 @@
 """Operating points: the conditions of a sweep, and the hours and set-points of one day."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """What the linear model predicts of one loop at the operating points of a day, and the gains that follow from it."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

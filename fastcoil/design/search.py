@@ -9,8 +9,6 @@ Each tuning is simulated once, and a file keeps its measures: a search that was 
 cost up to where it was, and goes on to the same answer.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Sequence

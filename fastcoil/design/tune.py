@@ -1,7 +1,5 @@
 """``tune``: settings of a controller for a population of valves and days, tried on others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

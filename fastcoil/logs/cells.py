@@ -1,7 +1,5 @@
 """What a cell says: a number as written in some country, with a unit or a status, or that there is no value."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re

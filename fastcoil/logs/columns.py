@@ -1,7 +1,5 @@
 """How a log is to be read, and which of its columns holds which series, in which unit, with which status."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

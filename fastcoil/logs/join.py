@@ -1,7 +1,5 @@
 """A building's points, each logged at its own times, on one clock: the table that the fits read."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

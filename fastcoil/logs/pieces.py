@@ -3,8 +3,6 @@
 A log of changes has a row when a value has changed; its long steps are no gaps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 
 import numpy as np

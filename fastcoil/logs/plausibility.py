@@ -3,8 +3,6 @@
 A unit that header and caller both declare is trusted.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping
 

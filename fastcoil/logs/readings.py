@@ -3,8 +3,6 @@
 They are refused; or else measured ones are left out, single missing inputs bridged, and other rows cut, all counted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -3,8 +3,6 @@
 The checks of logs and of boundaries, and the attributes of a boundary's Dataset, derive from this table.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping, Sequence

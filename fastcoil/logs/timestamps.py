@@ -5,8 +5,6 @@ comes from numbers above 12, or from the order in which time goes on, and is ref
 time of day may have a column each.
 """
 
-from __future__ import annotations
-
 import re
 import zoneinfo
 from collections.abc import Sequence

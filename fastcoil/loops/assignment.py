@@ -1,7 +1,5 @@
 """``Loop.assign``: checks of values, parameters of user rules, stand-ins and the parameters that they replace."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Collection, Hashable, Mapping
 from dataclasses import replace

@@ -5,8 +5,6 @@ its neighbours, and nothing overshoots, exactly if γ ≤ 1 and λ ≤ 1 in ever
 water, λ: rate of the metal).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 

@@ -4,8 +4,6 @@ Type checkers read no table, so the names stand here too; a test compares them w
 that a user's rule brings are passed as ``loop.assign(**{"gain": 0.5})``.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, TypedDict, TypeVar

@@ -5,8 +5,6 @@ What the labels say is honoured or refused, never passed over: units are convert
 array has no labels and stays as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Words for axes and legends: a short name, the unit a reader expects, the factor to it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple

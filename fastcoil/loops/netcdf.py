@@ -9,8 +9,6 @@ bytes have that hash.  Any other file, a foreign one or one of a folder that los
 end by a child process.  Traces are read on demand.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@ A file of its own because it is run by its path, with: name of the file, seconds
 take, ``sys.path`` as JSON.  On damaged bytes the library may crash, fill the memory or never return.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import sys

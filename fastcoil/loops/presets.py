@@ -1,7 +1,5 @@
 """Named loops to start from: what each describes and how it differs from the defaults."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

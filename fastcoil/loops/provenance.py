@@ -1,7 +1,5 @@
 """Origin of a result (versions, machine) and the hash of its content."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

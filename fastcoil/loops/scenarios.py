@@ -1,7 +1,5 @@
 """The scenarios of a study in one flat order, its days as the kernel takes them, its results as a Dataset."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import threading

@@ -3,8 +3,6 @@
 A shard is the unit of scheduling and of progress, and its parameters exist only while it runs.
 """
 
-from __future__ import annotations
-
 import concurrent.futures as cf
 import json
 import threading

@@ -1,7 +1,5 @@
 """Whether the columns of a log agree: temperatures of one air stream in one unit, a command that answers them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask

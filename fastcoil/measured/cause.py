@@ -1,7 +1,5 @@
 """Why a loop swings (the gap of its valve, its tuning, or a disturbance), and what would change it."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

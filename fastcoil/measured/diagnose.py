@@ -1,7 +1,5 @@
 """``diagnose``: whether a valve has backlash, and whether that is why its loop hunts, from a trend log."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``fit_coil``: C_c, C_w, β1 … β6 of Eqs (3) and (4) from recorded flows and temperatures (section 2.2)."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping, Sequence

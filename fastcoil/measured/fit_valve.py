@@ -1,7 +1,5 @@
 """``fit_valve``: x_BL, m_max, a, b, c of Eqs (1) and (2) from recorded commands and flows (section 2.1.3)."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping

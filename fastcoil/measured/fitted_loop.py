@@ -8,8 +8,6 @@ by up to 4 %), and the day starts in the state that the log shows.
 answers for a measured temperature, with noise, drift and gaps.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ The ARIX of ``identify`` predicts the next half minute better.  It is not taken 
 samples every few seconds cannot be run on half minutes, and nothing makes the loop that it closes a stable one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Values are missing where the log is silent, and held where it has changes only.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

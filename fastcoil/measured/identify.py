@@ -13,8 +13,6 @@ the command alone predicts the temperature, and a candidate of 0 is its opening.
 coefficients of its own; then only what the play operator changes counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ A block bootstrap, one Gauss-Newton step for each draw, says how much an estimat
 a meter gets wrong for hours or for a whole batch does not average out within it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, replace

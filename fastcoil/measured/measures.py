@@ -1,7 +1,5 @@
 """What a log shows of its loop before any model: how it swings, known performance indices, what its motor does."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

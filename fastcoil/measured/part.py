@@ -1,7 +1,5 @@
 """The log of a fit: which part of it is fitted and which is held back, its unbroken pieces, turns of a command."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """``replay``: what a controller would have commanded on a recorded day, without acting on it (shadow mode)."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ Between two rows a controller may move the valve and turn it back, unseen.  What
 the noise of the meter, widens the interval of the backlash; where it is much, the backlash is not identified.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import product
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Further what may stand in place of the inverse (half the gap added to u, an inve
 multiple of the noise, given or measured by the controller, and what a law in place of the PI is made of.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

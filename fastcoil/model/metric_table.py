@@ -1,7 +1,5 @@
 """Every metric and trace once: name, unit, meaning.  The order is that of the kernel's output rows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from fastcoil.base.errors import nearest

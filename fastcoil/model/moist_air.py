@@ -12,8 +12,6 @@ that by convention (WMO-No. 8).  Below 0.01 degC the liquid curve is continued, 
 supercooled water down to -30 degC, and within 0.8 % at -40 degC.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

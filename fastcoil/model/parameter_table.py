@@ -7,8 +7,6 @@ preset ``paper_like``.
 The parameters of a loop as a list to read: in a terminal, in a notebook, on the command line.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """The paper's plant as scalar functions: gearbox Eq (1), valve Eq (2), motor, sensor, air, coil Eqs (3) and (4)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fastcoil.model.numerics.elementary import exp, log, polynomial

@@ -1,7 +1,5 @@
 """What a study's folder answers later: its progress, whether it is sound, one scenario in full or by its labels."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace

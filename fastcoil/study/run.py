@@ -1,7 +1,5 @@
 """Run a study file into a folder: decide what is left to do, run it, merge it."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import time

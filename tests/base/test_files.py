@@ -1,7 +1,5 @@
 """Text files that a user names: what they hold comes back, and what cannot be read is refused in one sentence."""
 
-from __future__ import annotations
-
 import errno
 import os
 import socket

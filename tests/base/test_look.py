@@ -1,7 +1,5 @@
 """What cannot be looked at is a sentence, and not an absent file."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

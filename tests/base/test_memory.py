@@ -1,7 +1,5 @@
 """Available memory: the least that the machine, control groups and limits of the process leave; odd files are none."""
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -1,7 +1,5 @@
 """``simulate``, ``run_study`` and ``tune`` tell how many scenario-days they have done."""
 
-from __future__ import annotations
-
 import ast
 import os
 import pty

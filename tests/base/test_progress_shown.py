@@ -1,7 +1,5 @@
 """Progress is shown where someone looks, of work that takes a while, and ends with a whole line."""
 
-from __future__ import annotations
-
 import builtins
 import io
 import multiprocessing

@@ -1,7 +1,5 @@
 """The command line: exit codes, messages without traceback, and that nothing is left after a mistake."""
 
-from __future__ import annotations
-
 import pytest
 from click.testing import CliRunner
 

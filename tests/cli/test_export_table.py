@@ -1,7 +1,5 @@
 """``fastcoil export`` of results: files that others read, and mistakes in a sentence."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

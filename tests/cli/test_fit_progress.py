@@ -1,7 +1,5 @@
 """A long fit says on stderr how far it is; it ends cleanly however it ends."""
 
-from __future__ import annotations
-
 import os
 import pty
 import signal

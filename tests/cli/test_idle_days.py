@@ -1,7 +1,5 @@
 """Days of a weather year on which the fan stands: what is said of them, and of one that is run again."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.commands import fastcoil
 from helpers.made_weather import made_weather

@@ -1,7 +1,5 @@
 """How a command ends where the surroundings are odd: no folder to be in, Python's and matplotlib's own settings."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`fastcoil plan`, and commands for which the memory does not suffice."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """``fastcoil plot``: formats, resolutions, and mistakes in a sentence."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The figures of `fastcoil run`: those of these results, whatever happened before; `verify` tells those of others."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

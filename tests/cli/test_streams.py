@@ -1,7 +1,5 @@
 """The streams of a command: whatever is closed or full, its work is done, and its exit code says what was lost."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What reaches the terminal: text of strangers as text, a line each, and no more mistakes than a reader can mend."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Every block of code on a page is run, or is named here with what is checked instead."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

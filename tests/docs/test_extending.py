@@ -1,7 +1,5 @@
 """The example of ``docs/own-rule.md`` fits the sources, and works."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Numbers and tables on the pages are those that the studies wrote."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """README and the pages of ``docs/``: what they show runs, and their commands, links and file names lead somewhere."""
 
-from __future__ import annotations
-
 import ast
 import re
 import shlex

@@ -1,7 +1,5 @@
 """The site: every page gets into it, links lead somewhere, and its checker finds what does not; without Sphinx."""
 
-from __future__ import annotations
-
 import ast
 import posixpath
 import re

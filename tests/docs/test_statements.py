@@ -1,7 +1,5 @@
 """What the pages say in words, without a number, holds in the tables."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Links to the glossary: at the first use of a term, and nowhere that it would spoil."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """No whole run reads or writes outside an array: kernels that check every index agree with the reference as well."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

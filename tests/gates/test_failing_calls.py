@@ -1,7 +1,5 @@
 """Whichever system call fails, in the package or in a library: one sentence, and the same command completes the run."""
 
-from __future__ import annotations
-
 import errno
 import re
 import shutil

@@ -4,8 +4,6 @@ A whole command is recorded, call by call; then its calls are replayed on a mode
 synced, and the folders that may be left are looked at and run again.
 """
 
-from __future__ import annotations
-
 import shutil
 import warnings
 from contextlib import suppress

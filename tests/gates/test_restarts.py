@@ -4,8 +4,6 @@ The steps are the moments before a file gets its name: run.json, study.toml, eac
 figure.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Gate: a damaged study file, log or weather file is read or refused in sentences, in bounded memory and time."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What a process leaves behind and takes for itself: nothing that grows, nothing that stays, no rights it has not."""
 
-from __future__ import annotations
-
 import gc
 import os
 import re

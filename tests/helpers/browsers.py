@@ -1,7 +1,5 @@
 """A browser without a window, and the page of ``fastcoil explore`` in it."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

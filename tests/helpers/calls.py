@@ -1,7 +1,5 @@
 """System calls on the files of one folder, seen with ``failing_calls.c``: recorded, or made to fail."""
 
-from __future__ import annotations
-
 import ctypes
 import faulthandler
 import mmap

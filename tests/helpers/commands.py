@@ -1,7 +1,5 @@
 """The command line, and commands on studies with code of their own."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Results whose energy is written by hand: a number for each day, loop by loop."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

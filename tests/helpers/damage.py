@@ -1,7 +1,5 @@
 """Damage to files, drawn at random from a seed: what failing disks, broken copies and careless editors do."""
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Callable

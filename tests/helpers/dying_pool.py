@@ -1,7 +1,5 @@
 """A pool whose workers die on command, without threads or processes."""
 
-from __future__ import annotations
-
 import concurrent.futures as cf
 import random
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """One trend log as the programs of buildings export it: times, numbers and tables in every writing."""
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta
 
 import numpy as np

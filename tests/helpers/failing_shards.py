@@ -1,7 +1,5 @@
 """Scenarios that harm their worker; in a file of its own, so that workers can import it."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import resource

@@ -1,7 +1,5 @@
 """Plants of first order with a delay, as the theory takes them: oracles are known for these."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fastcoil.design.plants import OPENINGS, Plants

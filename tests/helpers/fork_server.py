@@ -7,8 +7,6 @@ by ``execute``, "calls": see ``calls.watch``}, and answers with the exit code of
 number of operations on files that it began, or of the watched calls.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import mmap

@@ -1,7 +1,5 @@
 """Runs of studies in processes forked for them, see ``fork_server``."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Sound studies, logs and weather files, and values to put into them."""
 
-from __future__ import annotations
-
 STUDIES = (
     """title = "Größe"
 question = 'why?'

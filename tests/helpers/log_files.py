@@ -1,7 +1,5 @@
 """Small logs of a valve and of a coil as CSV files: headers, rows, and rows with other values."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trend logs of a loop in plain Python: PI, motor, play, a plant with two lags and a delay, what swings outside."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Weather years made up by a formula, as CSV files."""
 
-from __future__ import annotations
-
 from helpers.log_files import write_csv
 
 HEADER = ["hour_of_year", "T_drybulb_C", "T_dewpoint_C"]

@@ -3,8 +3,6 @@
 ``python -m helpers.many_threads PROGRAM FOLDER``
 """
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import os

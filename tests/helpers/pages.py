@@ -1,7 +1,5 @@
 """HTML pages as a browser would see them: what they show, what they load, what runs in them."""
 
-from __future__ import annotations
-
 import base64
 from html.parser import HTMLParser
 from pathlib import Path

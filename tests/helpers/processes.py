@@ -1,7 +1,5 @@
 """Small studies, child processes and dask clusters for the tests of the backends."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

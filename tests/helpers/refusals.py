@@ -1,7 +1,5 @@
 """What is refused: the sentences of an ``InputError``."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterable
 from functools import cache

@@ -1,7 +1,5 @@
 """Rules of a user's own, to try."""
 
-from __future__ import annotations
-
 from collections import namedtuple
 from typing import NamedTuple
 

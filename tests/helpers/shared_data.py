@@ -1,7 +1,5 @@
 """Measured series, in a folder next to the checkout."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Simulated logs: valves and coils of known parameters, with noise, to fit models to."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

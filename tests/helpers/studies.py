@@ -1,7 +1,5 @@
 """Small studies, run, interrupted and resumed in their folders."""
 
-from __future__ import annotations
-
 import atexit
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """Studies as tables, of which one may be a larger version of another."""
 
-from __future__ import annotations
-
 import json
 
 from fastcoil.study.run import execute

@@ -4,8 +4,6 @@
 line for each that was neither read nor refused in sentences.
 """
 
-from __future__ import annotations
-
 import random
 import re
 import resource

@@ -1,7 +1,5 @@
 """A small trend log: its header, its rows, and rows with other values."""
 
-from __future__ import annotations
-
 HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]", "W_a_in [1]", "T_w_in [degC]", "T_set [degC]"]
 
 

@@ -1,7 +1,5 @@
 """Weather made up by a formula, as rows, and as the lines of EPW and TMY3 files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any

@@ -1,7 +1,5 @@
 """Logs beyond all bounds: too many cells, columns, seconds, and texts without end get short sentences."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

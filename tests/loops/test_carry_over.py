@@ -1,7 +1,5 @@
 """Days in sequence: the bits of the same series in one piece, whatever a loop remembers, and metrics that add up."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

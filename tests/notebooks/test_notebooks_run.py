@@ -1,7 +1,5 @@
 """The notebooks of the docs run from top to bottom in a real kernel, and show what they should."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Trim and respond, zone by zone and step by step, as ASHRAE Guideline 36-2021 puts it (5.1.14, 5.6.8.1, 5.16.2.2)."""
 
-from __future__ import annotations
-
 
 class Zone:
     """A zone without storage: its load is a share of what full flow of the coldest air takes away."""

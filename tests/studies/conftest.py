@@ -1,7 +1,5 @@
 """The studies of the repository made small, and the tables that the scripts write."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """``kinds.py`` and ``best_pi.py``: kinds of days, the model of a step, and gains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

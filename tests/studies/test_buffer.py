@@ -1,7 +1,5 @@
 """``buffer.py``: turns by noise, the buffer's cycle, and what its tables count, against plain Python."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``numerics.py``: its tables hold what plain Python finds in small runs."""
 
-from __future__ import annotations
-
 import re
 import statistics
 

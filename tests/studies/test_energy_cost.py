@@ -1,7 +1,5 @@
 """The study of what backlash costs: its tables against bills in plain numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

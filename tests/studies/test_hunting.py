@@ -1,7 +1,5 @@
 """The study of hunting: its limits, error rates and cycles against plain Python, its conditions and its cures."""
 
-from __future__ import annotations
-
 import control
 import numpy as np
 import pytest

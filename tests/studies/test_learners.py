@@ -1,7 +1,5 @@
 """``learners.py`` and its parts: conditions that differ, estimators that act, and tables of what plain Python finds."""
 
-from __future__ import annotations
-
 import math
 import re
 import statistics

@@ -1,7 +1,5 @@
 """The figures of the learning study: texts that fit, colours of the palette, whatever the numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 from helpers.figure_looks import PALETTE, assert_palette, assert_texts_fit

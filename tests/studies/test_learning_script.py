@@ -1,7 +1,5 @@
 """``learning.py``: what it counts and chooses is what plain Python finds, and its tables and figures show it."""
 
-from __future__ import annotations
-
 import math
 import statistics
 

@@ -1,7 +1,5 @@
 """``remedies.py`` and its parts: gains, remedies that act, and tables that hold what plain Python finds."""
 
-from __future__ import annotations
-
 import math
 import statistics
 

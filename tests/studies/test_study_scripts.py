@@ -1,7 +1,5 @@
 """Scripts of single tables: they hold what plain Python finds."""
 
-from __future__ import annotations
-
 import math
 import re
 import statistics

@@ -1,7 +1,5 @@
 """Tables of the studies are written to files."""
 
-from __future__ import annotations
-
 from studies import common
 from studies.paper import paper
 

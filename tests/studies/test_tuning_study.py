@@ -1,7 +1,5 @@
 """``tuning.py``: its tables hold what simulations of fresh valves and days give."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

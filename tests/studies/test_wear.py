@@ -1,7 +1,5 @@
 """``wear.py`` and its parts: gaps that grow as given, a bank that finds its gap, alarms and tables of plain Python."""
 
-from __future__ import annotations
-
 import math
 import re
 import statistics

@@ -1,7 +1,5 @@
 """Whatever is done to a study's folder, in whatever order: run to its end, it holds what an undisturbed run finds."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

@@ -1,7 +1,5 @@
 """A rule that takes a value from elsewhere: what was computed with another value is never joined with it."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

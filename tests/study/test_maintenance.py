@@ -1,7 +1,5 @@
 """Looking after a study's folder: what is said can be typed as it stands."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shlex

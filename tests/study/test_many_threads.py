@@ -1,7 +1,5 @@
 """Many threads open, read and run studies at the same time: no crash, and the same bits."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.processes import ended, started
 

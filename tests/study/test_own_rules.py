@@ -1,7 +1,5 @@
 """Estimators and control laws of a study's own: found as text, part of its hash, run by workers alone."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

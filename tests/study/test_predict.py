@@ -1,7 +1,5 @@
 """``[run] predict``: what theory foretells stands beside what was simulated, the same however a study was run."""
 
-from __future__ import annotations
-
 import netCDF4
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Studies in their folder: the files of a run, finished studies, and failures that leave nothing."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

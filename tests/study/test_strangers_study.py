@@ -1,7 +1,5 @@
 """A study or a folder of a stranger: looking at it runs nothing of theirs, and running it says so first."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """``[tariff]`` of a study: prices change no scenario, and are those of the file when it is run, opened, extended."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.commands import fastcoil
 from helpers.refusals import problems

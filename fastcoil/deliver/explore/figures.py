@@ -1,7 +1,5 @@
 """The Bokeh figures of the page, filled with a loop or with a map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

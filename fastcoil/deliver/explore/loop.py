@@ -1,7 +1,5 @@
 """Settings in; traces, metrics, a prediction and a map of the loop out.  Repeated requests come from a cache."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What one reader sees and moves: sliders, menus and buttons, figures and texts, and the work behind them."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Executor

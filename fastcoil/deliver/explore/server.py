@@ -1,7 +1,5 @@
 """The server: one page, for this machine alone, and a session for each reader."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import secrets

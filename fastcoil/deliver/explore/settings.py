@@ -1,7 +1,5 @@
 """The settings of the page: every number and word that can be moved, the loops to start from, links and stories."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Mapping

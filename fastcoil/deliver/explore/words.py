@@ -1,7 +1,5 @@
 """What is seen, in sentences for a lecture hall; the loop and its day as Python and as a study file."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The laws in C99: one file, no dynamic memory, nothing but headers of the standard library."""
 
-from __future__ import annotations
-
 import ast
 from textwrap import wrap
 from typing import ClassVar

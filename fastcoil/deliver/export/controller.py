@@ -4,8 +4,6 @@ The frame of the laws (PI, compensation, start, bad readings) is in ``laws/contr
 law in place of the PI, are translated from the functions that the kernel runs.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from functools import cache

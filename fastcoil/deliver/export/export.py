@@ -1,7 +1,5 @@
 """``export_controller``: the controller of a loop as code for the field, with vectors that prove a port of it."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

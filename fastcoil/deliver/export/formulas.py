@@ -1,7 +1,5 @@
 """Expressions of a rule, evaluated: what the loop decides is decided, the rest stays an expression of variables."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import math

@@ -1,7 +1,5 @@
 """Statements and expressions of the laws, said in C or Structured Text."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, ClassVar

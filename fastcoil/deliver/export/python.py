@@ -1,7 +1,5 @@
 """Python in and out: the source of a rule with its comments, and the laws as text."""
 
-from __future__ import annotations
-
 import ast
 import io
 import linecache

@@ -1,7 +1,5 @@
 """The rendered laws, taken apart: constants, state and functions, with the comments that belong to each."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Functions of numbers stay functions.  What works on the state is written where i
 edition see no state but their own, and function blocks have no methods.
 """
 
-from __future__ import annotations
-
 import ast
 from textwrap import wrap
 from typing import ClassVar

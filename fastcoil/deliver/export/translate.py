@@ -8,8 +8,6 @@ NaN, which stands for "nothing yet" in a memory, has no portable form in Structu
 gets a flag beside it, ``x_known``, and every comparison asks for the flag first.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import re

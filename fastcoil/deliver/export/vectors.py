@@ -4,8 +4,6 @@ Each row is a cycle: what the controller sees, and what it answers.  The answers
 for starts from a command, bad readings and holds: no simulation has them, and the laws in Python answer.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence

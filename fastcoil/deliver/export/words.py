@@ -1,7 +1,5 @@
 """Names, numbers and comments that C, Structured Text and Python can all have."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 

@@ -1,7 +1,5 @@
 """How results were computed, which versions made them, and how to cite them: all from their attributes."""
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """``report``: one HTML file that a client can open, of a study, a diagnosis, a fit or a tuning."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

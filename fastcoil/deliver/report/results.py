@@ -3,8 +3,6 @@
 Each says what was asked, the answer, a figure, tables, how it was computed, and what a study takes of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ A change is that within a pair of scenarios that differ in nothing else.  Its in
 valves or days, where the study has several; swept values were chosen, so they get a range instead of an interval.
 """
 
-from __future__ import annotations
-
 import math
 import shlex
 from pathlib import Path

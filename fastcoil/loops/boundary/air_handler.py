@@ -11,8 +11,6 @@ The noise of a day continues that of the day before, and each day can be made al
 noise of the day before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeAlias

@@ -1,7 +1,5 @@
 """Date and time of the first sample of each day, and the time zone that they are in."""
 
-from __future__ import annotations
-
 import re
 import zoneinfo
 from datetime import UTC, date, datetime, timedelta

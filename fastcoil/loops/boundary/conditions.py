@@ -1,7 +1,5 @@
 """The numbers that describe a day, with units and bounds, and their checks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import islice
 from typing import Any

@@ -1,7 +1,5 @@
 """Ready-made days: the paper's kind of day, a constant day, an ASHRAE design day, a heating day."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 

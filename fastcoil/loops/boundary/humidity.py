@@ -3,8 +3,6 @@
 Relative humidity is proportional to the pressure, so a boundary keeps the largest ratio of both.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

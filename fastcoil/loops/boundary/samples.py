@@ -1,7 +1,5 @@
 """The days of a boundary: one Dataset of all samples, or days made on demand; digests and ranges of either."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial

@@ -3,8 +3,6 @@
 A loop without air flow is not in operation: its seconds count in no metric, and a warning says so.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeAlias

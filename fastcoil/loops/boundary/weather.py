@@ -1,7 +1,5 @@
 """Hourly weather, mixed with return air, as the air that enters the coil."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

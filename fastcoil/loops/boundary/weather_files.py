@@ -6,8 +6,6 @@ Sets", NREL/TP-581-43156 (2008): temperature, humidity and pressure are those at
 standard time, and 24:00 ends the day of its date.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 import warnings

@@ -8,8 +8,6 @@ outdoor temperatures of 16 and 21 degC (60 and 70 degF); trim and respond from 1
 The rest are guesses.
 """
 
-from __future__ import annotations
-
 import re
 from calendar import isleap
 from collections.abc import Mapping, Sequence

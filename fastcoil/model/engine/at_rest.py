@@ -8,8 +8,6 @@ emulator, to the bit.
 What a lane does never depends on the others in its block: each has its own end, and stands still behind it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fastcoil.model.engine.plant import deliver, march_water

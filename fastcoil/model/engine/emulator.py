@@ -7,8 +7,6 @@ Eq (1), Eq (2), record states[t] and signals[t], then Eqs (3) and (4) give state
 Sections that would change nothing are skipped for the whole block; a lane's bits are the same either way.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

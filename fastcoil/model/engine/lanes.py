@@ -1,7 +1,5 @@
 """Blocks of lanes, seen from the host: scenarios cut into blocks, work space, a run, what a day leaves to the next."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ or end a block of the metrics.  ``account_*`` add one event or second to the sum
 rows of ``METRICS``.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Each is a march of its own around the same scalar formulas as in ``emulator``; w
 from a record.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fastcoil.model.engine.controller import PLAIN, call_control, control

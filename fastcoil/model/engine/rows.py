@@ -8,8 +8,6 @@ and stay as they are.  *State* rows are what a later day carries over.  *Sums* a
 start again with every run.
 """
 
-from __future__ import annotations
-
 from collections import namedtuple
 from collections.abc import Iterable
 from typing import Any

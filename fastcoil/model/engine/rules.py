@@ -4,8 +4,6 @@ A rule sees one lane: a Sample, its parameters and its memory.  Both are rows of
 loop depends on which rules there are.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

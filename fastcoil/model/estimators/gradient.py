@@ -5,8 +5,6 @@ After Tao and Kokotović (1993).  Engaged, an inverse with estimate x̂ behind a
 x̂ is wrong.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 While the gap is crossed the valve stands still: the error is a square wave, and the PI integrates its way across.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -13,8 +13,6 @@ What the candidates share is summed once.  All is in one array of WORDS floats, 
 over them run as vectors.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

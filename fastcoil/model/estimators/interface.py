@@ -1,7 +1,5 @@
 """What an estimator is made of, and what it sees of its loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple

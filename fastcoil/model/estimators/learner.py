@@ -1,7 +1,5 @@
 """The self-learning rule of section 3.3: step the estimate up until the mode switches chatter."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

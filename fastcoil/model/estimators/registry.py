@@ -4,8 +4,6 @@ One more is a file with an ``ESTIMATOR`` and its word in the parameter ``estimat
 rows of the same table.  The blocks, the checks, the replay and the export of a controller find it by that word.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from fastcoil.model.estimators.interface import Estimator

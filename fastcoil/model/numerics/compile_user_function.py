@@ -5,8 +5,6 @@ to guess from the source.  A table is a tuple: an index past its end raises an e
 Indices of arrays are not looked at, so that arrays are refused.
 """
 
-from __future__ import annotations
-
 import dis
 import hashlib
 import math

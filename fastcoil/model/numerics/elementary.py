@@ -6,8 +6,6 @@ give a lane other bits than a loop's remainder.  These are branch-free, and ever
 ``tests/model/numerics/test_elementary.py`` measures.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -18,8 +18,6 @@ Flags:
     never more of it     it deletes NaN tests and lets a lane's bits depend on its neighbours.
 """
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import os

@@ -7,8 +7,6 @@ counts as missing: the kernel is compiled again.
 No number depends on this file: it decides whether a kernel is compiled, not to what.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -6,8 +6,6 @@ A number depends on (seed, sample, channel, replicate, day) alone: not on the sc
 what was drawn before.  Every loop of a study sees the same noise, so differences between loops are paired.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fastcoil.model.numerics.elementary import log, sincos_turns

@@ -8,8 +8,6 @@ plain numbers: Numba's own function type takes three pointers and keeps referenc
 loop 5 to 8 % slower.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Whether a compiled rule does what its Python says: both see the same samples of a closed loop."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """``cost``: what the energy of a result costs by a tariff, month by month and in a year."""
 
-from __future__ import annotations
-
 import json
 import math
 import warnings

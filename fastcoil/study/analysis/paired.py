@@ -1,7 +1,5 @@
 """Statistics of differences within pairs and of medians, with their intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

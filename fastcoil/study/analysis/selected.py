@@ -1,7 +1,5 @@
 """Part of a result by labels that a user typed, and drawn parameters in groups, as axes."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any

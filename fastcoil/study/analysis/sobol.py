@@ -1,7 +1,5 @@
 """``sobol_indices``: which parameters drive the spread of a result over a population."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

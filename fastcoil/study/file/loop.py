@@ -1,7 +1,5 @@
 """Build the ``Loop`` of a study from the tables ``[loop]``, ``[sweep]``, ``[cases.NAME]`` and ``[sample]``."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ Its source is read as text, hashed with the study and sent to other processes; w
 parsed from it.  Nothing is run here, nor of a package that the module is in: the study may come from a stranger.
 """
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import importlib.util

@@ -4,8 +4,6 @@ A design is ``size`` points of the unit cube with one dimension for each paramet
 distribution turn its coordinates into values.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@ parameters of a study's own estimators and laws stand in another file: where a s
 one of its parameters; where it names none, no other name is right.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Iterable, Mapping

@@ -5,8 +5,6 @@ A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep
 ``[boundary]`` (``kind`` and its arguments), ``[run]``, ``[tune]`` and ``[tariff]``; all but ``[loop]`` may be absent.
 """
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import json

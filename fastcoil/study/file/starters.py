@@ -1,7 +1,5 @@
 """Study files to start from: the template of ``fastcoil init``, and the studies that come with fastcoil."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path

@@ -3,8 +3,6 @@
 The models also say what the JSON Schema adds to their types; the checks of values are those of whoever uses them.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, TypeVar

@@ -11,8 +11,6 @@
     figures/
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import platform

@@ -1,7 +1,5 @@
 """From the parts of a study, its shards and earlier results, to ``results.nc`` and the file of traces."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

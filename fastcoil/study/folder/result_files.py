@@ -4,8 +4,6 @@
 So a run that is killed at any moment leaves files with hashes that are recorded.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -4,8 +4,6 @@ The name of a shard, ``FIRST-HASH.nc``, carries the SHA-256 of its bytes, so the
 torn, lost or disagree with them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

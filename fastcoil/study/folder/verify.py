@@ -1,7 +1,5 @@
 """What the folder of a study must hold, and what is wrong with what it holds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError

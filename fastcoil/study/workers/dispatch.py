@@ -1,7 +1,5 @@
 """Shards through a pool, whatever happens to the workers."""
 
-from __future__ import annotations
-
 import concurrent.futures as cf
 import time
 from collections import deque

@@ -3,8 +3,6 @@
 A pool takes shards as ``concurrent.futures`` do; pools differ only in what happens when a worker dies.
 """
 
-from __future__ import annotations
-
 import asyncio
 import concurrent.futures as cf
 import contextlib

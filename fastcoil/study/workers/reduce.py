@@ -1,7 +1,5 @@
 """Run a user's own reduction of traces, and copy its answer: numbers, labels and words, nothing else of its objects."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Run code that comes with a study: the only place that does.  It runs as freely as any module that is imported."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import linecache

@@ -1,7 +1,5 @@
 """What a worker runs, in a thread, a process of its own, or on another machine: one shard at a time."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """Figures are written as PNG, PDF or SVG: whole or not at all, the same bytes every time."""
 
-from __future__ import annotations
-
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread

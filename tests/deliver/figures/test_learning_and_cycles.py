@@ -1,7 +1,5 @@
 """``fc.plot.learning`` and ``fc.plot.limit_cycle``: estimates against the true gap, swings against those predicted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit

@@ -1,7 +1,5 @@
 """Figures of a given width: whole, legible, and with plain PI and inverse apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit

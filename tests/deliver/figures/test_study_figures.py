@@ -1,7 +1,5 @@
 """Figures: what they show, and that odd studies get a figure or none, never a crash."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit

@@ -1,7 +1,5 @@
 """``fc.plot.traces``: what is drawn is what was simulated, in readable units, with the set-point of its day."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest

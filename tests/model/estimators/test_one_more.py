@@ -14,8 +14,6 @@ from fastcoil.model.parameter_table import PARAMETERS
 
 ONE_MORE = '''"""The share of the turns of the inverse among its samples, as an example of an estimator."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each claim of the paper is judged rightly: on made-up results, where it holds and where it does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

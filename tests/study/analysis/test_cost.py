@@ -1,7 +1,5 @@
 """What energy costs, against bills that plain Python writes day by day."""
 
-from __future__ import annotations
-
 import calendar
 import datetime
 

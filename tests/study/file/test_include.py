@@ -1,7 +1,5 @@
 """``[loop] include`` and ``fastcoil fit``: from a CSV file to a study, on the command line."""
 
-from __future__ import annotations
-
 import csv
 import tomllib
 

@@ -1,7 +1,5 @@
 """A study with a [sample]: what it means, and every mistake in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.refusals import problems, seen_by_schema

@@ -1,7 +1,5 @@
 """Sampled parameters: each design and each distribution against what defines it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

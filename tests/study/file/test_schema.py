@@ -1,7 +1,5 @@
 """The JSON Schema of study files: it takes what the reader takes, and names of its own it has none."""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

@@ -1,7 +1,5 @@
 """Text that takes long to parse, and studies that are too large or hold thousands of mistakes, get a sentence soon."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

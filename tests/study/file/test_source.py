@@ -1,7 +1,5 @@
 """A study's own code: where it is found and what it declares, without running any of it."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Study files: what they mean, and that every mistake in one is named, all at once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from helpers.refusals import only_problem, problems, seen_by_schema

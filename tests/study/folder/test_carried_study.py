@@ -1,7 +1,5 @@
 """Studies whose days are a sequence: killed, damaged, cut in any way and extended, they come to the same hash."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs that are killed, at every step and at any time, and disks that are full: the next run finds the same."""
 
-from __future__ import annotations
-
 import os
 import random
 import re

@@ -1,7 +1,5 @@
 """Damaged, foreign and lost shards: they are found and quarantined, and the next run repairs the study."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

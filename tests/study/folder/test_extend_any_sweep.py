@@ -1,7 +1,5 @@
 """Any sweep can grow, whatever was run of it before."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.processes import cut
 from helpers.study_tables import fresh, run_shards, toml

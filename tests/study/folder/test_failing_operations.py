@@ -1,7 +1,5 @@
 """Operations on files that fail: the run ends with a sentence, and the next one completes it."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The final files of a study: hashed before a byte is parsed, and tried by a child if nobody knows their hash."""
 
-from __future__ import annotations
-
 import errno
 import functools
 import os

@@ -1,7 +1,5 @@
 """What results hold must be what their hash says, and of a version that is known."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

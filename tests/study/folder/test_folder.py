@@ -1,7 +1,5 @@
 """The folder of a study: any name will do, links are followed, and one run at a time is in it."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

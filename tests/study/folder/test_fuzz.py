@@ -1,7 +1,5 @@
 """Every file of a study, damaged at random: the right numbers or a sentence, in bounded time, and nothing else."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import time

@@ -1,7 +1,5 @@
 """Commands that are interrupted, that find the folder held by another run, or that lose their reader."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """A run that is interrupted, ended or killed: no worker survives it, and it can be resumed."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

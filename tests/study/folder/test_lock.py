@@ -1,7 +1,5 @@
 """One writer at a time: neither the lock nor the note of its holder leads elsewhere, and both may be damaged."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """run.json, study.toml and the files a study reads: damage and changes are reported, and no result is lost."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Shards become one result: on disk or in memory, all of them or none, and while others read."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """``verify``: it finds damage in a result, none where there is none, and changes nothing."""
 
-from __future__ import annotations
-
 import errno
 import os
 import random

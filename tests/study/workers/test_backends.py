@@ -1,7 +1,5 @@
 """Threads, processes, a dask cluster: the same bits from each."""
 
-from __future__ import annotations
-
 import pytest
 import xarray as xr
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """A backend that is not available, or workers whose results would not be bit-identical, are refused in a sentence."""
 
-from __future__ import annotations
-
 import signal
 import socket
 import sys

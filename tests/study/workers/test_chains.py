@@ -1,7 +1,5 @@
 """The dispatcher with days in sequence: each stretch once, after the one before it, whatever happens to the workers."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A cluster that a user started and that loses workers or its scheduler: the run continues, or says what to do."""
 
-from __future__ import annotations
-
 import signal
 import time
 

@@ -1,7 +1,5 @@
 """A cluster whose workers are busy, die or leave: the run waits and says so, or says what to do."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """A cluster speaks TLS if asked to, or is noted."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import warnings

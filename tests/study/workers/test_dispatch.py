@@ -1,7 +1,5 @@
 """The dispatcher with workers that die on command: nothing lost, nothing twice, no one blamed for another."""
 
-from __future__ import annotations
-
 import concurrent.futures as cf
 import os
 

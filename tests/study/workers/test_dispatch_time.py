@@ -1,7 +1,5 @@
 """The dispatcher and time: what hangs is found, what only waits for a worker is not blamed and is reported."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.dying_pool import Pool, found, healthy, in_shards
 from helpers.processes import N_SCENARIOS as N

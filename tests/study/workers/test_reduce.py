@@ -1,7 +1,5 @@
 """A user's own reduction of traces: what it is handed, what it may return, and every refusal."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

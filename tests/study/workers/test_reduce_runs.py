@@ -1,7 +1,5 @@
 """Studies whose own reduction raises, or changes the process it runs in."""
 
-from __future__ import annotations
-
 import pytest
 from click.testing import CliRunner
 

@@ -1,7 +1,5 @@
 """Workers that are killed, hang or starve: the guilty scenario is found, the others lack nothing."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil
