@@ -38,7 +38,7 @@ def finished(tmp_path_factory):
 
 def test_the_summary_counts_days_on_which_the_loop_was_off(finished):
     _, said = finished
-    assert "In 2 of 4 the loop was off all day: they have no RMSE, and count in no median of it." in said
+    assert "In 2 of 4 the loop was off all day: they have no RMSE, and count in no median." in said
     assert " s on 1 thread: " in said
 
 

@@ -263,9 +263,9 @@ def _acquire(lock: BaseFileLock, folder: Path) -> None:
 
 def find_holder(folder: Path) -> str | None:
     """Who is writing to the folder, in words, or ``None``."""
-    if not (folder / _LOCK).is_file():
-        return None
     try:
+        if not (folder / _LOCK).is_file():
+            return None
         with FileLock(folder / _LOCK, timeout=0):
             return None
     except Timeout:
