@@ -4,8 +4,7 @@ import os
 import sys
 
 # `python -m` looks for modules in the current folder first, where a rule of a study may be called csv.py
-_HERE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != _HERE:
+if __name__ == "__main__" and not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
     del sys.path[0]
 
 import gc
