@@ -132,11 +132,14 @@ def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
     labels = array.coords[dim]
     if labels.dtype.kind not in "biuf" and not all(isinstance(one, str) and is_text(one) for one in labels.values):
         raise InputError(f"{name}: the labels along {dim!r} are of type {labels.dtype}: give numbers or text")
+    ours = labels.values
     if dim in PARAMETERS and labels.dtype.kind in "iuf":
         ours = in_our_unit(dim, labels, units_of(PARAMETERS[dim].unit))
-        if not np.array_equal(ours, array.values if dim == name else labels.values):
-            cure = f"give labels in {PARAMETERS[dim].unit}, or none"
-            raise InputError(f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values: {cure}")
+    if not np.array_equal(ours, array.values if dim == name else labels.values):
+        raise InputError(
+            f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values: "
+            "give them in our unit, or none"
+        )
 
 
 NO_RULES: Mapping[str, Rule] = {}
@@ -289,7 +292,7 @@ def assigned(
         if isinstance(value, xr.DataArray):
             result.pop(name, None)  # dims are in the order in which they were last given
         result[name] = value
-    _check_lengths(result)
+    _check_axes(result)
     return result, known
 
 
@@ -306,14 +309,13 @@ def _with_rules(
     return changes, taken(known, new, used)
 
 
-def _check_lengths(values: Mapping[str, Any]) -> None:
-    """Refuse parameters of different lengths along a dimension that they share."""
+def _check_axes(values: Mapping[str, Any]) -> None:
+    """Refuse parameters of different lengths or labels along a dimension that they share."""
     first: dict[str, str] = {}
+    labelled: dict[str, tuple[str, np.ndarray]] = {}
     problems = []
     for name, value in values.items():
-        if not isinstance(value, xr.DataArray):
-            continue
-        for dim, size in value.sizes.items():
+        for dim, size in value.sizes.items() if isinstance(value, xr.DataArray) else ():
             other = first.setdefault(str(dim), name)
             expected = values[other].sizes[dim]
             if size != expected:
@@ -321,8 +323,23 @@ def _check_lengths(values: Mapping[str, Any]) -> None:
                     f"{name} has {size} values along {dim!r}, {other} has {expected}: zipped parameters need the same "
                     "length; to change it, give all of them in one call"
                 )
+            elif name == dim or dim in value.coords:
+                labels = value.values if name == dim else value.coords[dim].values
+                one, before = labelled.setdefault(str(dim), (name, labels))
+                if not _same_labels(labels, before):
+                    problems.append(
+                        f"{name} has the labels {shown(labels.tolist())} along {dim!r} where {one} has "
+                        f"{shown(before.tolist())}: give the same, in one order"
+                    )
     if problems:
         raise InputError(problems)
+
+
+def _same_labels(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether labels are alike, numbers to the 12 digits that they are rounded to."""
+    if one.dtype.kind == other.dtype.kind == "f":
+        return np.allclose(one, other, rtol=1e-11, atol=0.0)
+    return np.array_equal(one, other)
 
 
 def words_of(values: Mapping[str, Any], kind: str) -> set[str]:

@@ -74,6 +74,8 @@ def _of_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.
     for index, default in axes:
         if isinstance(index, pd.MultiIndex) or (index.name is None and default is None):
             raise InputError(f"{name}: name the axes of the DataFrame, such as day and elapsed_time")
+        if _is_time(index) and index.hasnans:
+            raise InputError(f"{name} has a time that is missing (NaT): drop or fill it")
         dim = str(default if index.name is None or _is_time(index) else index.name)
         labels = index
         if isinstance(index, pd.DatetimeIndex) and index.size:
@@ -110,7 +112,7 @@ class Course(NamedTuple):
     """What the labels of a series of 1-s samples say; None where they say nothing.
 
     day: its labels, () or (n_days,).  second: ``elapsed_time`` of the first sample, s.  start: its date and time, () or
-    (n_days,) datetime64[us].  time_zone: of ``start``.
+    (n_days,) datetime64[us].  time_zone: of ``start``; blank if that has none.
     """
 
     day: NDArray[Any] | None = None
@@ -136,7 +138,7 @@ def course_of(name: str, array: xr.DataArray) -> Course:
             continue
         if along.dtype.kind == "M":
             _check_steps(time, np.diff(along.values) / np.timedelta64(1, "s"))
-            start, zone = along.values[0], along.attrs.get("time_zone")
+            start, zone = along.values[0], along.attrs.get("time_zone", "")
         else:
             seconds = _seconds(time, along)
             _check_steps(time, np.diff(seconds))
@@ -146,7 +148,7 @@ def course_of(name: str, array: xr.DataArray) -> Course:
         if of_zero.dtype.kind != "M" or not set(of_zero.dims) <= {"day"}:
             raise InputError(WrongType(f"start is of type {of_zero.dtype}: give dates and times, datetime64"))
         start = of_zero.values.astype("datetime64[us]") + np.timedelta64(round(1e6 * (second or 0.0)), "us")
-        zone = of_zero.attrs.get("time_zone")
+        zone = of_zero.attrs.get("time_zone", "")
     return Course(array.coords["day"].values if "day" in array.coords else None, second, start, zone)
 
 
@@ -178,5 +180,5 @@ def differing(what: str, found: Mapping[str, Any], cure: str) -> list[str]:
 
 def _short(value: Any) -> str:
     array = np.asarray(value)
-    text = str(array.astype("M8[s]") if array.dtype.kind == "M" else value)
+    text = str(array.astype("M8[s]") if array.dtype.kind == "M" else value) or "unknown"
     return text if len(text) <= 40 else f"{text[:39]}…"

@@ -164,18 +164,12 @@ class Loop:
         for name, value in self.swept.items():
             for dim in value.dims:
                 if dim in value.coords and name != dim:
-                    index = value.coords[dim].reset_coords(drop=True)
-                    if not labels.setdefault(str(dim), index).identical(index):
-                        raise InputError(
-                            f"dimension {dim!r} has other labels with {name} than with the parameters before it"
-                        )
+                    labels.setdefault(str(dim), value.coords[dim].reset_coords(drop=True))
         for dim, size in self.sizes.items():
             own = self._values.get(dim)
             if own is not None and not (isinstance(own, xr.DataArray) and own.dims == (dim,)):
                 raise InputError(f"{dim} is a parameter but not swept: give the dimension another name, such as tuning")
             if isinstance(own, xr.DataArray):
-                if dim in labels and not np.array_equal(labels[dim].values, own.values):
-                    raise InputError(f"the labels of dimension {dim!r} differ from the values of the parameter {dim}")
                 labels[dim] = xr.DataArray(own.values, dims=dim)
             labels.setdefault(dim, xr.DataArray(np.arange(size), dims=dim))
         for name, value in self.swept.items():

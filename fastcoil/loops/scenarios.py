@@ -219,7 +219,7 @@ def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
     if command is None:
         return None
     problems: list[str] = []
-    known = Frame(boundary.n_steps, Course(boundary.day, 0.0, boundary.start, boundary.time_zone or None))
+    known = Frame(boundary.n_steps, Course(boundary.day, 0.0, boundary.start, boundary.clock_zone))
     given, _ = read_series({"command": command}, problems, known=known)
     if problems:
         raise InputError(problems)

@@ -152,7 +152,7 @@ class Boundary(Samples):
         clock |= {name: changes[name] for name in clock if name in changes}
         day = None if "day" in changes and self._make is None else label
         start = None if "start" in changes else self.start
-        zone = None if "time_zone" in changes else self.time_zone or None
+        zone = None if {"start", "time_zone"} & changes.keys() else self.clock_zone
         known = Frame(self.n_steps, Course(day, 0.0, start, zone))
         problems: list[str] = []
         given, frame = read_series(series, problems, day=changes.get("day"), known=known)

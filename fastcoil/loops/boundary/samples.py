@@ -109,6 +109,11 @@ class Samples:
         return self._time_zone
 
     @property
+    def clock_zone(self) -> str | None:
+        """The time zone of ``start``, blank if it has none; None if nothing is known of the clock."""
+        return self._time_zone or (None if self.start is None else "")
+
+    @property
     def start_coordinate(self) -> xr.DataArray | None:
         """``start`` as a coordinate of results, along ``day`` if there is that dim; None if unknown."""
         return xr.DataArray(self._ds["start"].variable) if "start" in self._ds.coords else None
@@ -146,7 +151,7 @@ class Samples:
         if self._make is None:
             return {name: values[k] for name, values in self.series.items()}, 0
         label, start = int(self.day[k]), None if self.start is None else self.start[k]
-        return checked_day(self._make(k), self.n_steps, Course(np.asarray(label), None, start, self.time_zone or None))
+        return checked_day(self._make(k), self.n_steps, Course(np.asarray(label), None, start, self.clock_zone))
 
     @property
     def is_surveyed(self) -> bool:

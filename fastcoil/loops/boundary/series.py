@@ -70,6 +70,9 @@ def read_series(
     n_steps = _agreed("{} samples", frame.n_steps, sizes["elapsed_time"], problems, cure)
     known_days = None if frame.course.day is None else frame.course.day.size
     n_days = _agreed("{} days", known_days, sizes["day"], problems, cure)
+    if frame.course.time_zone:  # times without a zone are on the clock of the boundary
+        local = [name for name, one in given.items() if one.course.time_zone == ""]
+        given |= {name: given[name]._replace(course=given[name].course._replace(time_zone=None)) for name in local}
     course = {
         field: _agreed(text, getattr(frame.course, field), _carried(given, field), problems, f"align them, or {cure}")
         for field, text, cure in _LABELS
@@ -77,6 +80,8 @@ def read_series(
     labels = course["day"] if day is None else day
     if labels is not None:
         labels = label_array(labels, problems)
+    if day is not None and labels is not None and frame.course.day is None:
+        problems += differing("day {}", {"day": labels} | _carried(given, "day"), "leave day out, or give bare arrays")
     if labels is None:
         labels = np.arange(n_days) if n_days else np.asarray(0)
     elif n_days is not None and labels.size != n_days:
@@ -89,7 +94,7 @@ def read_series(
 
 
 _LABELS = (
-    ("day", "day {}", "give bare arrays and day=..."),
+    ("day", "day {}", "give bare arrays"),
     ("second", "its first sample at elapsed_time {} s", "drop_vars('elapsed_time')"),
     ("start", "its first sample at {}", "give bare arrays"),
     ("time_zone", "the time zone {}", "convert to one zone"),
@@ -100,7 +105,7 @@ _LABELS = (
 def _carried(given: Mapping[str, Given], field: str) -> dict[str, Any]:
     """What series say of a label; those with several days first."""
     carried = {name: getattr(one.course, field) for name, one in given.items()}
-    carried = {name: found for name, found in carried.items() if found is not None and not np.array_equal(found, "")}
+    carried = {name: found for name, found in carried.items() if found is not None}
     return dict(sorted(carried.items(), key=lambda item: np.ndim(item[1]) == 0))
 
 
