@@ -81,7 +81,7 @@ def _response(loop: fc.Loop, kind: str, level: float) -> xr.DataArray:
     mean = {name: float(day.series[name].mean()) for name in ("m_a", "T_a_in", "W_a_in", "T_w_in")}
     still = fc.Boundary(**mean, T_set=np.full(command.size, T_SET))
     ds = fc.simulate(loop, still, command=command, traces=["T_measured"], trace_interval=SEEN, warm_up=0)
-    late = ds.T_measured.isel(elapsed_time=slice(REST // SEEN, None))
+    late = ds.T_measured.isel(elapsed_time=slice(REST // SEEN, None)).drop_attrs()  # arithmetic would keep the unit
     return late.assign_coords(elapsed_time=late.elapsed_time - REST).reset_coords(drop=True)
 
 
