@@ -168,7 +168,7 @@ _TABLE = (
     Parameter("law", "controller", "", "pi", "what decides the opening that the controller asks for",
               choices=("pi",), label="control law"),
     Parameter("backlash_estimate", "inverse", "1", 0.0,
-              "backlash that the inverse assumes; 0 = plain PI; the learner starts here and never goes below it",
+              "backlash that the inverse assumes; 0 = no inverse; the learner starts here and never goes below it",
               0.0, 1.0, open_upper=True, label="backlash estimate"),
     Parameter("estimate_ratio", "inverse", "1", None, "backlash_estimate / backlash, in place of backlash_estimate",
               0.0, label="estimate / backlash"),
