@@ -132,7 +132,7 @@ def _fit_of(problem: CoilProblem, started: float) -> Fit:
     best, spread, wet = problem.solve()
     x = problem.coupling @ best.x[:, None]
     values = record.values(x)[:, 0]
-    A = record.named()
+    A = record.named() @ problem.coupling
     y, spread_y = A @ x[:, 0], A @ np.nan_to_num(spread.covariance, posinf=0.0) @ A.T
     half = spread.quantile() * np.sqrt(np.diag(spread_y))
     scale = np.where(LOGS, values, 1.0)

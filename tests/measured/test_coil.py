@@ -47,6 +47,17 @@ def test_both_temperatures_identify_more_than_one():
     assert both.standard_errors["beta1"] < one.standard_errors["beta1"]
 
 
+def test_a_value_at_1_kg_s_is_as_uncertain_as_the_exponent_that_carries_it_there():
+    """Of too few wet samples β6 is taken from β4, with its uncertainty: β5 alone would be known to 5 % better."""
+    day, command = fc.paper_day(hours=1, seed=5), np.repeat(np.random.default_rng(2).uniform(0.1, 0.9, 30), 120)
+    seen = fc.simulate(fc.Loop(backlash=0.09), day, command=command, traces=["m_w", "T_sup", "T_w_out"], warm_up=0)
+    entering = day.to_dataset().drop_vars(["noise", "enabled", "day"])
+    log = seen[["m_w", "T_sup", "T_w_out"]].merge(entering).isel(elapsed_time=slice(None, None, 10))
+    fit = fc.fit_coil(log.reset_coords(drop=True), warm_up=600)
+    assert "beta6" in fit.held
+    assert fit.intervals["beta5"] == pytest.approx((0.52159, 0.63853), rel=1e-4)
+
+
 def test_another_form_of_the_model_is_fitted_as_such():
     """In parts of a second the water of a volume may be renewed within less than one."""
     other = {"n_volumes": 6, "air_march": "quasistatic", "substeps": 3}
