@@ -47,6 +47,7 @@ def test_both_temperatures_identify_more_than_one():
     assert both.standard_errors["beta1"] < one.standard_errors["beta1"]
 
 
+@pytest.mark.usefixtures("all_starts")
 def test_a_value_at_1_kg_s_is_as_uncertain_as_the_exponent_that_carries_it_there():
     """Of too few wet samples β6 is taken from β4, with its uncertainty: β5 alone would be known to 5 % better."""
     day, command = fc.paper_day(hours=1, seed=5), np.repeat(np.random.default_rng(2).uniform(0.1, 0.9, 30), 120)
