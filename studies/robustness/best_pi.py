@@ -99,8 +99,7 @@ def gains_of(model: xr.Dataset) -> xr.Dataset:
     kp = model.tau / (model.gain * 2.0 * model.theta)
     gain = model.gain.clip(LEAST_GAIN)  # a valve that changes nothing still needs a number
     ti = np.minimum(model.tau, 8.0 * model.theta)
-    # xarray hands on the attributes of what they were computed from, among them another unit
-    return xr.Dataset({"kp": kp.clip(1e-4, 1.0), "ti": ti, "plant_gain": gain}).drop_attrs()
+    return xr.Dataset({"kp": kp.clip(1e-4, 1.0), "ti": ti, "plant_gain": gain})
 
 
 def _of(loop: fc.Loop, name: str) -> xr.DataArray:
