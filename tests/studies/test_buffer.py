@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import fastcoil as fc
 from studies import days as kinds
-from studies.buffer import bounds, buffer, runs
+from studies.buffer import buffer, runs
 from studies.buffer import rule as buffer_rule
 from studies.buffer.rule import Plant
 
@@ -32,20 +31,6 @@ def test_white_noise_turns_an_inverse_as_often_as_the_integral_says(c):
     expected = buffer_rule.turns_per_sample(c)
     assert turns / n == pytest.approx(expected, abs=4.0 * math.sqrt(expected / n))
     assert buffer_rule.turns_per_sample(0.0) == pytest.approx(2.0 / 3.0, abs=1e-6)
-
-
-@pytest.mark.parametrize(("sample_time", "per_hour"), [(1.0, 10.0), (5.0, 1.0), (30.0, 10.0)])
-def test_the_lower_bound_lets_through_the_turns_it_names(sample_time, per_hour):
-    c = float(buffer_rule.noise_factor(sample_time, per_hour))
-    assert 3600.0 / sample_time * buffer_rule.turns_per_sample(c) == pytest.approx(per_hour, rel=0.05)
-    low, high = (buffer_rule.smallest(kp, 0.02, sample_time, per_hour) for kp in (0.05, 0.1))
-    assert high == pytest.approx(2.0 * low) == pytest.approx(buffer_rule.LOWER_SCALE * c * 0.1 * 0.02)
-
-
-@pytest.mark.parametrize("n", [6, 36])
-def test_the_range_of_a_trend_is_that_of_random_numbers(n):
-    drawn = np.ptp(np.random.default_rng(4).standard_normal((20_000, n)), axis=1)
-    assert buffer_rule.mean_range(n) == pytest.approx(drawn.mean(), abs=0.03)
 
 
 @pytest.mark.kernel
@@ -115,21 +100,6 @@ def test_a_slow_loop_has_no_cycle_whatever_the_buffer():
     assert math.degrees(buffer_rule.phase(plant, 0.06, 60.0)) < 90.0
 
 
-def test_the_measured_bound_lies_where_the_added_turns_fall_below_those_allowed():
-    """Turns that fall with the size as a power: the bound is where the power says, whatever the turns without noise."""
-    sizes = np.array(runs.SIZES)
-    at = np.array([[0.6, 1.7], [0.0, np.inf]])
-    added = 10.0 * np.exp(-4.0 * (sizes[:, None, None] - at))
-    added[:, 1, 0], added[:, 1, 1] = 9.0, 11.0
-    turns = np.stack([np.full_like(added, 5.0), 5.0 + added]) / 6.0
-    ds = xr.Dataset({"switch_frequency": (("noisy", "size", "sample", "day"), turns)}, coords={"day": ["a", "b"]})
-    np.testing.assert_allclose(bounds.measured_lower(ds).values, at, rtol=1e-9)
-    later = 0.6 + math.log(10.0 / 6.0) / 4.0
-    fewer = bounds.measured_lower(ds, 6.0).values
-    assert fewer[0, 0] == pytest.approx(later, rel=1e-9)
-    assert fewer[1, 0] == np.inf
-
-
 @pytest.mark.kernel
 @pytest.mark.full
 def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
@@ -145,40 +115,3 @@ def test_the_study_writes_its_tables(written, monkeypatch, tmp_path):
     assert [row[0] for row in rows][:3] == ["constant", "heating", "all"]
     for name in ("noise", "allowed", "constants", "cycle", "upper", "rules_by_days", "crossing"):
         assert written(f"buffer_{name}")[1]
-
-
-def test_what_the_inverse_leaves_is_a_play_of_the_width_it_misses():
-    """A play of X behind the inverse of 95 % of it, both in plain Python, stands still over exactly that width of u."""
-    backlash = 0.1
-    left = float(bounds.missed(runs.Valves(*[None] * 6, np.array([backlash])), 0)[0])
-    estimate = runs.SHARES[0] * backlash
-    u = np.concatenate([np.linspace(0.2, 0.6, 4001), np.linspace(0.6, 0.5, 1001)[1:]])
-    rising = np.concatenate([np.ones(4001), np.zeros(1000)])
-    q, opening = 0.0, []
-    for position in ((1.0 - estimate) * u + estimate * rising).tolist():
-        q = min(max(q, position - backlash), position)
-        opening.append(q)
-    still = np.abs(np.array(opening[4001:]) - opening[4000]) < 1e-9
-    assert 0.1 * still.mean() == pytest.approx(left, abs=2e-4)
-
-
-def test_cycles_count_what_the_formula_predicts():
-    """Two swings that are the formula's, one that is twice it, and one that is not there."""
-    plant = Plant(*(np.full(4, v) for v in (12.0, 60.0, 30.0)))
-    valves = runs.Valves(None, plant, np.full(4, 0.06), np.full(4, 60.0), None, None, None)
-    width = np.array([valves.upper(swing) for swing in runs.SWINGS[1:]])
-    swing = width * buffer_rule.swing_per_buffer(plant, valves.kp, valves.ti) * [1.0, 1.0, 2.0, 0.0]
-    ds = xr.Dataset({name: (("share", "swing", "sample"), np.stack([swing, swing])) for name in
-                     ("hunting_swing", "hunting_period")})  # fmt: skip
-    found = bounds.cycles(valves, ds, 0)
-    assert found.predicted.all()
-    np.testing.assert_array_equal(found.seen.values, np.broadcast_to([True, True, True, False], swing.shape))
-    row = bounds.cycle_row("loop", found)
-    assert row[2:4] == ["100%, 75%", "1.00 … 1.00 … 2.00"]
-    assert row[4].startswith("67 %")
-    less = bounds.cycles(valves, ds, 0, 0.5 * width[0])
-    assert float(less.swing[0, 0]) == pytest.approx(2.0)
-    assert less.seen.equals(found.seen)
-    nothing_left = bounds.cycles(valves, ds, 0, 1.1 * width[0])
-    assert nothing_left.seen.equals(found.seen)
-    assert np.isnan(nothing_left.swing[0]).all()

@@ -3,7 +3,6 @@
 import re
 import statistics
 
-import numpy as np
 import pytest
 from scipy.stats import t
 
@@ -39,31 +38,6 @@ def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
     )
     (row,) = (row for row in of_gap if row[:2] == ["g36", "15%"])
     assert row[2].split(" → ")[1] == f"{float(alone.rmse.mean()):.3f}"
-
-
-def test_the_verdict_on_hunting_is_counted_loop_by_loop(written, tmp_path, monkeypatch):
-    monkeypatch.setattr(populations, "kinds", lambda weather: ("stepped", "constant"))
-    found = populations.hunting(24, range(2), tmp_path / "none.csv")
-    populations.write_hunting(found)
-    (head, *rows) = written("convergence_hunting")[1]
-    assert [row[0] for row in rows] == [
-        "stepped",
-        "constant",
-        "X = 0 %",
-        "X = 1 % to 3 %",
-        "X = 5 % to 7 %",
-        "X = 10 % to 15 %",
-    ]
-    for kind, row in zip(found, rows, strict=False):
-        pairs = list(
-            zip(*(found[kind].hunts.sel(way=way).values.ravel() for way in ("as printed", "converged")), strict=True)
-        )
-        of = {"hunt as printed": [a for a, _ in pairs], "hunt only as printed": [a > b for a, b in pairs]}
-        for name, holds in of.items():
-            assert row[head.index(name)].split(" ")[0] == f"{100 * sum(holds) / 48:.1f}"
-    alone = populations.valves(populations.SEED, 24).assign(noise_std=0.01, converged=True)
-    one = fc.simulate(alone, populations.of_kind("constant", range(2)), seed=populations.SEED)
-    np.testing.assert_array_equal(found["constant"].rmse.sel(way="converged").transpose(*one.rmse.dims), one.rmse)
 
 
 def test_a_coil_of_few_volumes_is_compared_with_one_of_many(written, monkeypatch):

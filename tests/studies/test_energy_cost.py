@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import fastcoil as fc
 from studies.cost import cost
-from studies.days import CONSTANT, HEATING, kinds
+from studies.days import CONSTANT, HEATING
 
 DAYS, VALVES, GAPS = 6, 24, (0.0, 0.07)
 NAMES = [cost.AS_FOUND, cost.SIMC, cost.INVERSE]
@@ -60,33 +59,6 @@ def test_bills_are_those_of_plain_numpy(found):
     np.testing.assert_allclose(other.bill, 100 * (paid[..., 1] / paid[:, :1, 1] - 1), rtol=1e-6)
 
 
-def test_an_interval_is_wider_with_fewer_valves_and_holds_the_median(found):
-    ds = found[CONSTANT].isel(controller=[0])
-    whole = cost.spread(ds, cost.against_sound).bill.sel(backlash=0.07).isel(controller=0)
-    paid = bill(ds)[:, 0]
-    change = 100 * (paid[:, 1] / paid[:, 0] - 1)
-    wanted = [np.median(change), *np.quantile(change, [0.05, 0.95])]
-    np.testing.assert_allclose(whole.sel(statistic=["median", "q05", "q95"]), wanted, rtol=1e-6)
-    few = xr.DataArray(np.arange(VALVES) < 6, dims="sample")
-    part = cost.spread(ds, cost.against_sound, few).bill.sel(backlash=0.07).isel(controller=0)
-    for found_ in (whole, part):
-        assert float(found_.sel(statistic="low")) <= float(found_.sel(statistic="median"))
-        assert float(found_.sel(statistic="median")) <= float(found_.sel(statistic="high"))
-    widths = [float(f.sel(statistic="high") - f.sel(statistic="low")) for f in (whole, part)]
-    assert 0.0 < widths[0] < widths[1]
-
-
-def test_the_table_of_the_claim_counts_valves(found, written):
-    cost.write_claim(found)
-    _, (head, *rows) = written("cost_claim")
-    assert [row[:2] for row in rows] == [[k, v] for k in found for v in ("all: 24", "hunt by the gap: 12")]
-    paid = bill(found[CONSTANT])[:, 0]
-    dearer = 100 * (paid[:, 1] / paid[:, 0] - 1) > 1.0
-    at = head.index("bill with reheat")
-    assert rows[0][at].startswith(f"{100 * dearer.mean():.0f} % (")
-    assert rows[1][at].startswith(f"{100 * dearer[1::2].mean():.0f} % (")
-
-
 def test_every_other_table_is_written(found, written):
     cost.write_sums(found)
     cost.write_by_backlash(found)
@@ -102,23 +74,3 @@ def test_every_other_table_is_written(found, written):
     assert [row[1] for row in rows[:4]] == [*NAMES, "a valve without a gap"]
     mended = 100 * (paid[:, 0] / paid[:, 1] - 1)
     assert rows[3][5].startswith(f"{np.median(mended):+.2f} % (")
-
-
-def test_gains_of_simc_are_sought_without_a_gap_and_the_inverse_knows_it(monkeypatch):
-    asked = []
-
-    def simc(loop, kind):
-        asked.append((float(xr.DataArray(loop["backlash"])), kind))
-        n = xr.DataArray(loop["kp"]).sizes["sample"]
-        return xr.Dataset({"kp": ("sample", np.full(n, 0.5)), "ti": ("sample", np.full(n, 50.0))})
-
-    monkeypatch.setattr(cost, "simc_gains", simc)
-    loop = cost.loops(1, 3, "stepped")
-    assert asked == [(0.0, CONSTANT)]
-    assert loop.sizes == {"sample": 3, "backlash": 6, "controller": 3}
-    ds = xr.Dataset({name: xr.DataArray(loop[name]) for name in ("kp", "ti", "estimate_ratio")})
-    assert (ds.kp.isel(controller=1) == 0.5).all()
-    assert (ds.kp.isel(controller=0) == ds.kp.isel(controller=2)).all()
-    assert ds.estimate_ratio.values.tolist() == [0.0, 0.0, 0.95]
-    assert set(cost.KEPT) <= set(fc.simulate(fc.Loop(), fc.constant_day(hours=0.1), warm_up=60))
-    assert set(kinds()) >= {CONSTANT, HEATING}

@@ -7,12 +7,9 @@ import xarray as xr
 
 import fastcoil as fc
 from studies import common as report
-from studies import days as kinds
 from studies.hunting import backlash as hunting_backlash
-from studies.hunting import cures as hunting_cures
 from studies.hunting import hunting
 from studies.hunting import loops as hunting_loops
-from studies.hunting.loops import Rule
 
 
 @pytest.fixture(scope="module")
@@ -36,16 +33,6 @@ def loops():
     return ds.assign(gain_margin=1.0 / ds.margin, phase_margin=90.0 - 30.0 * ds.margin)
 
 
-def of_rule(ds, rule):
-    """(warned, hunts) of the loops that count, as plain Python."""
-    return [
-        (bool(rule.of(ds)[i, d] > rule.limit), bool(ds.hunts[i, d] > 0))
-        for i in range(0, ds.sizes["sample"])
-        for d in range(ds.sizes["day"])
-        if bool(ds.reachable[i, d]) and float(ds.backlash[i]) > 0.0
-    ]
-
-
 def test_the_choice_finds_the_formula_by_which_loops_hunt(loops):
     rules, (power, delays) = hunting_loops.chosen(loops)
     assert (power, delays) == (0.8, 2.0)
@@ -55,35 +42,6 @@ def test_the_choice_finds_the_formula_by_which_loops_hunt(loops):
     at = loops.isel(sample=[7], day=[1])
     by_hand = (float(at.kp[0, 0]) * float(at.K[0, 0])) ** 0.8 * (float(at["T"][0, 0]) + 2 * float(at.theta[0, 0]))
     assert float(formula.of(at)[0, 0]) == pytest.approx(by_hand / float(at.ti[0, 0]))
-
-
-def test_a_limit_is_the_best_of_all_by_plain_python():
-    draw = np.random.default_rng(8)
-    hunts = draw.uniform(size=120) < 0.4
-    x = np.where(hunts, draw.normal(1.0, 0.6, 120), draw.normal(0.0, 0.6, 120))
-
-    def both(limit):
-        warned = [v > limit for v in x]
-        sensitivity = sum(a and b for a, b in zip(warned, hunts, strict=True)) / hunts.sum()
-        return sensitivity + sum(not a and not b for a, b in zip(warned, hunts, strict=True)) / (~hunts).sum()
-
-    among = xr.DataArray(np.ones(120, bool), dims="sample")
-    limit, safe = hunting_loops.limits(xr.DataArray(x, dims="sample"), xr.DataArray(hunts * 1.0, dims="sample"), among)
-    assert both(limit) == pytest.approx(max(both(v + 1e-9) for v in x))
-    assert sum(v >= safe for v in x[hunts]) >= hunting_loops.SURE * hunts.sum() - 1
-
-
-def test_error_rates_count_worn_valves_that_reach_their_set_point(loops):
-    rule = Rule("half of the truth", lambda ds: ds.kp, 0.04, 0.04)
-    counted = of_rule(loops.isel(sample=slice(0, 60)), rule)
-    shares = hunting_loops.errors(loops.isel(sample=slice(0, 60)), rule)
-    right = [warned == hunts for warned, hunts in counted]
-    parts = (
-        right,
-        [r for r, (_, hunts) in zip(right, counted, strict=True) if hunts],
-        [r for r, (_, hunts) in zip(right, counted, strict=True) if not hunts],
-    )
-    assert [cell.split(" ")[0] for cell in shares] == [f"{100 * sum(p) / len(p):.1f}" for p in parts]
 
 
 def test_only_a_swing_that_lasts_is_a_cycle():
@@ -101,64 +59,6 @@ def test_only_a_swing_that_lasts_is_a_cycle():
     assert float(found.period[0]) == pytest.approx(400.0, rel=0.06)
     below = hunting_backlash.cycling(T, xr.DataArray(np.full(4, 0.5), dims="sample"))
     assert not below.cycles.any()
-
-
-def test_a_power_of_the_backlash_is_found_with_its_interval():
-    draw = np.random.default_rng(2)
-    X = np.array([0.0, 0.01, 0.03, 0.1])
-    powers = 1.3 + 0.1 * draw.standard_normal((40, 1, 5))
-    swing = xr.DataArray(
-        np.exp(draw.normal(size=(40, 1, 5))) * X[None, :, None] ** powers, dims=("sample", "backlash", "day"),
-        coords={"backlash": X},
-    )  # fmt: skip
-    middle, low, high = hunting_backlash.slopes(swing, xr.DataArray(np.ones((40, 5), bool), dims=("sample", "day")))
-    assert middle == pytest.approx(float(powers.mean()))
-    assert low < middle < high
-    assert high - low < 0.12
-
-
-@pytest.mark.parametrize("kind", hunting_loops.OPERATING)
-def test_a_kicked_loop_comes_quietly_and_is_asked_for_more_load(kind, monkeypatch):
-    monkeypatch.setattr(hunting_backlash, "KICKS", (0.0, 1.0))
-    days, still = hunting_backlash.kicked(kind, 5, 2)
-    T_set, air = days.series["T_set"], days.series["T_a_in"]
-    before, away = 3600 * (hunting_backlash.RAMP + hunting_backlash.HOLD), 3600 * hunting_backlash.KICK
-    more = 1.0 if kind == kinds.HEATING else -1.0
-    for row, (condition, kick) in enumerate([(0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)]):
-        end = still.series["T_set"][condition, 0]
-        assert T_set[row, 0] == air[row, 0] == still.series["T_a_in"][condition, 0]
-        assert (np.diff(T_set[row, :before]) * more >= 0.0).all()
-        np.testing.assert_allclose(T_set[row, before : before + away] - end, more * kick, atol=1e-9)
-        assert T_set[row, -1] == pytest.approx(end)
-    assert all(np.ptp(days.series[name], axis=1).max() == 0.0 for name in ("m_a", "T_a_in", "W_a_in", "T_w_in"))
-
-
-def test_cures_obey_the_formula_and_change_only_what_they_say():
-    loop = fc.Loop.preset("lbnl").assign(kp=("sample", [0.1, 0.01]), ti=("sample", [10.0, 200.0]))
-    plant = xr.Dataset(
-        {"K": ("sample", [25.0, 25.0]), "T": ("sample", [60.0, 60.0]), "theta": ("sample", [30.0, 30.0])}
-    )
-    cures = hunting_cures.cured(loop, plant, 0.8, 2.0, 5.0)
-    slower, weaker = cures["Ti by the formula, kp as found"], cures["kp by the formula, Ti as found"]
-    for kp, ti in (slower, weaker):
-        speed = (float(kp[0]) * 25.0) ** 0.8 * 120.0 / float(ti[0])
-        assert speed == pytest.approx(5.0)
-    assert float(slower[0][0]) == 0.1
-    assert float(weaker[1][0]) == 10.0
-    assert [float(x[1]) for x in (*slower, *weaker)] == [0.01, 200.0, 0.01, 200.0]
-    kp, ti = cures[hunting_cures.BY_SIMC]
-    assert (float(kp[0]), float(ti[0])) == pytest.approx((60.0 / (2 * 25 * 30), 60.0))
-    assert float(cures["Ti at least T, kp as found"][1][0]) == 60.0
-
-
-def test_hunting_where_nothing_moves_needs_size_and_periods_not_regularity():
-    most = (3600 * hunting_loops.HOURS - hunting_loops.WARM_UP) / 10
-    ds = xr.Dataset({
-        "hunts": ("sample", [0.0, 0.0, 0.0, np.nan]),
-        "hunting_swing": ("sample", [0.2, 0.05, 0.2, 0.2]),
-        "hunting_period": ("sample", [most - 1.0, 300.0, most + 1.0, 300.0]),
-    })  # fmt: skip
-    np.testing.assert_array_equal(hunting_loops.hunting_of(ds).hunts, [1.0, 0.0, 0.0, np.nan])
 
 
 def test_the_describing_function_of_a_gap_is_that_of_another_library():

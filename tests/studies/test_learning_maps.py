@@ -2,8 +2,7 @@
 
 import numpy as np
 import xarray as xr
-from helpers.figure_looks import PALETTE, assert_palette, assert_texts_fit
-from matplotlib.colors import to_hex
+from helpers.figure_looks import assert_palette, assert_texts_fit
 
 from studies.learning import maps
 
@@ -19,12 +18,6 @@ def judged(**dims):
     values = {"low": low, "high": high, "failed": low + high, "error": rng.random(shape)}
     values["confirmed"] = np.where(rng.random(shape) < 0.2, np.inf, 16 * rng.random(shape))
     return xr.Dataset({name: (tuple(dims), value) for name, value in values.items()}, coords=dims)
-
-
-def test_every_rule_has_a_colour_of_the_palette_and_a_look_of_its_own():
-    looks = maps.LINES.values()
-    assert {to_hex(look["color"]) for look in looks} <= PALETTE
-    assert len({to_hex(look["color"]) for look in looks}) == len(maps.LINES)
 
 
 def test_the_figures_fit():

@@ -6,10 +6,9 @@ import statistics
 import numpy as np
 import pytest
 import xarray as xr
-from scipy import stats
 
 import fastcoil as fc
-from studies.learning import learning, maps
+from studies.learning import learning
 
 pytestmark = pytest.mark.kernel
 
@@ -19,15 +18,6 @@ def median_low(values):
 
 
 # numbers and choices
-
-
-@pytest.mark.parametrize(("k", "n"), [(0, 10), (3, 10), (10, 10), (16, 100)])
-def test_a_share_has_the_interval_of_clopper_and_pearson(k, n):
-    exact = stats.binomtest(k, n).proportion_ci(0.95, method="exact")
-    assert (
-        learning.share_with_interval(k / n, n)
-        == f"{100 * k / n:.0f} % ({100 * exact.low:.0f} to {100 * exact.high:.0f})"
-    )
 
 
 def learners(**metrics):
@@ -50,41 +40,6 @@ def test_failures_errors_and_censored_times_are_counted_one_by_one():
     assert found["confirmed"] == median_low(ds.learn_time_confirmed) / 3600 == 2.0
     by_day = learning.judged(ds, ["backlash_estimate"]).confirmed
     assert by_day.values.tolist() == [1.0, np.inf, 0.5, 1.0]
-
-
-def test_the_interval_of_a_median_draws_whole_days():
-    of_day = np.random.default_rng(3).normal(1.0, 0.2, 60)
-    learner = xr.DataArray(np.repeat(of_day[:, None], 8, axis=1), dims=("day", "backlash"))
-    middle, low, high = learning.median_with_interval(learner)
-    assert middle == statistics.median_low(of_day)
-    days = stats.bootstrap((of_day,), np.median, method="percentile", rng=1).confidence_interval
-    np.testing.assert_allclose((low, high), days, atol=0.02)
-    never = learner.where(learner < np.median(of_day) - 0.1, np.inf)
-    assert learning.words(never, "{:.1f}") == f"> {learning.HOURS} (> {learning.HOURS} to > {learning.HOURS})"
-
-
-def choices(**metrics):
-    """Choices that differ in the rule only."""
-    ds = xr.Dataset({name: ("rule", np.array(values, dtype=float)) for name, values in metrics.items()})
-    others = {dim: [0.01] for dim in learning.CHOICE[1:]}
-    return ds.assign_coords(rule=list("abcd")).expand_dims(others)
-
-
-@pytest.mark.parametrize(
-    ("failed", "confirmed", "error", "best"),
-    [
-        ((0.2, 0.05, 0.0, 0.0), (1.0, 2.0, 3.0, 4.0), (0, 0, 0, 0), "b"),
-        ((0.0, 0.0, 0.0, 0.0), (np.inf, 2.0, 2.0, 4.0), (0, 0.2, 0.1, 0), "c"),
-        ((0.3, 0.2, 0.1, 0.4), (1.0, 2.0, 9.0, 0.5), (0, 0, 0, 0), "c"),
-    ],
-)
-def test_the_choice_is_the_fastest_safe_one_or_the_safest(failed, confirmed, error, best):
-    assert learning.chosen(choices(failed=failed, confirmed=confirmed, error=error))["rule"] == best
-
-
-@pytest.mark.parametrize(("low", "high", "arrow"), [(0, 0, ""), (0.4, 0, "↓"), (0.1, 0.4, "↑"), (0.2, 0.3, "↕")])
-def test_arrows_show_early_stops_and_runaways(low, high, arrow):
-    assert maps.way(low, high) == arrow
 
 
 # the script

@@ -1,12 +1,6 @@
 """Tables of the studies are written to files."""
 
-from studies import common
 from studies.paper import paper
-
-
-def test_a_table_is_written_into_the_folder_of_its_question(written):
-    common.write_table("folder/one", "A \\title", ["a", "b"], [["1", "2"]])
-    assert written("one") == ("A \\title", [["a", "b"], ["1", "2"]])
 
 
 def test_the_scorecard_quotes_the_tables_of_verdicts(written, monkeypatch, tmp_path):

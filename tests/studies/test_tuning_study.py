@@ -22,16 +22,6 @@ def case(monkeypatch):
     return tuning.Case("lbnl", heating=True)
 
 
-def test_the_population_has_good_valves_and_its_days_are_of_every_kind(case):
-    assert sorted(np.asarray(case.loop(24, 1)["backlash"]))[:3] == pytest.approx([0.0, 0.0, 0.0], abs=0.01)
-    assert np.count_nonzero(np.asarray(case.loop(24, 1)["backlash"]) == 0.0) == 2
-    cooling = tuning.Case("lbnl", heating=False)
-    assert kinds.HEATING not in cooling.kinds
-    assert cooling.days([1, 2]).n_days == 2 * len(cooling.kinds)
-    fresh, search = (set(cooling.days(seeds).day) for seeds in (tuning.FRESH_DAYS, tuning.SEARCH_DAYS))
-    assert not fresh & search
-
-
 @pytest.mark.full
 def test_every_row_is_what_a_simulation_of_that_tuning_gives(case, written, monkeypatch):
     monkeypatch.setattr(tuning, "CASES", (case,))

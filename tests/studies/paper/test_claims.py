@@ -103,12 +103,6 @@ def test_a_claim_holds_where_it_should_and_not_where_it_should_not(claim):
     assert "case" not in holds.dims
 
 
-def test_a_buffer_must_help_control_too_and_noise_breaks_only_what_works():
-    claims = {claim.name: claim.holds for claim in CLAIMS}
-    assert not claims["buffer"](buffered(5.0, 1.2)).any()
-    assert not claims["noise, learner"](noisy(0.028, 0.028)).any()
-
-
 def test_a_claim_that_is_false_whatever_the_loop_gets_no_share():
     """Nine steps of half an hour each are no three hours, on any tuning."""
     assert set(MADE_UP) == {claim.name for claim in CLAIMS}

@@ -1,12 +1,11 @@
 """The folder of the paper in quick mode: its data, figures and page."""
 
-import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.pages import Page
 from matplotlib.image import imread
 
-from fastcoil.base.figures import GREY, encode
+from fastcoil.base.figures import encode
 from fastcoil.loops.netcdf import load
 from fastcoil.loops.provenance import content_sha256
 from studies.paper import figures
@@ -54,29 +53,6 @@ def test_texts_fit_and_colours_are_those_of_the_palette(drawn):
     for figure in drawn.values():
         assert_palette(figure)
         assert_texts_fit(figure)
-
-
-def test_estimates_are_in_per_cent_with_a_line_for_each_of_a_few_days(folder, drawn):
-    ds = load(folder / "fig11.nc")
-    axes = drawn["fig11"].axes[2]
-    assert axes.get_xlabel() == "estimate / backlash [%]"
-    assert axes.get_xlim() == (0.0, 150.0)
-    values = ds.rmse.isel(preset=0).sel(case="no noise")
-    *members, median = axes.lines[:5]
-    np.testing.assert_allclose(median.get_xdata(), 100 * ds.estimate_ratio)
-    np.testing.assert_allclose(median.get_ydata(), values.median(["day", "replicate"]))
-    pooled = values.stack(member=["day", "replicate"]).values.T
-    np.testing.assert_array_equal(sorted(tuple(m.get_ydata()) for m in members), sorted(map(tuple, pooled)))
-
-
-def test_the_plain_pi_is_grey_and_time_is_in_hours(folder, drawn):
-    ds = load(folder / "fig10.nc").isel(preset=0)
-    plain, inverse, _ = drawn["fig10"].axes[0].lines
-    assert plain.get_color() == GREY
-    assert inverse.get_label() == "inverse with 95 % of the backlash"
-    part = ds.T_sup.sel(case="plain PI", elapsed_time=slice(2.75 * 3600, 4.25 * 3600))
-    np.testing.assert_array_equal(plain.get_ydata(), part)
-    np.testing.assert_allclose(plain.get_xdata(), part.elapsed_time / 3600)
 
 
 def test_the_scorecard_shows_every_share_and_its_interval_for_every_kind_of_day(card, drawn):

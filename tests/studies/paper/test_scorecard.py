@@ -92,16 +92,6 @@ def test_an_interval_covers_the_share_of_other_days_as_often_as_it_says():
     np.testing.assert_allclose(found[0], expected)
 
 
-def test_an_interval_stays_within_0_and_1_and_needs_days():
-    holds = xr.DataArray([[True, True], [True, True], [True, False]], dims=("day", "tuning"))
-    low, high = verdicts.interval(holds)
-    assert 0.0 <= low < 5 / 6 < high == 1.0
-    np.testing.assert_allclose(verdicts.interval(~holds), (0.0, 1.0 - low))
-    assert verdicts.interval(holds.isel(day=0)) is None
-    assert verdicts.interval(holds.isel(day=[0])) is None
-    assert verdicts.interval(holds.isel(tuning=[0])) is None, "six days that agree do not make a certainty"
-
-
 def test_a_condition_is_found_with_its_shares():
     slow = TUNINGS.sample_time >= 15.0
     days = xr.concat([slow, slow & (TUNINGS.sample_time > 15.0)], "day")
@@ -112,23 +102,6 @@ def test_a_condition_is_found_with_its_shares():
     verdict = verdicts.judge(slow | (np.arange(slow.size) % 4 == 0), TUNINGS)
     assert verdict.elsewhere > 0.05
     assert verdict.text.startswith(f"holds in part, more often if {verdict.condition} (")
-
-
-def test_a_pair_of_regions_is_found_where_one_does_not_tell():
-    kp = xr.DataArray(np.tile([0.005, 0.03], 50), dims="tuning")
-    verdict = verdicts.judge((TUNINGS.sample_time >= 15.0) & (kp >= 0.02), TUNINGS.assign(kp=kp))
-    assert " and " in verdict.condition
-    assert (verdict.inside, verdict.elsewhere) == (1.0, 0.0)
-
-
-def test_no_condition_is_named_where_none_tells_or_it_is_the_claim_itself():
-    every_other = xr.DataArray(np.arange(100) % 2 == 0, dims="tuning")
-    verdict = verdicts.judge(every_other, TUNINGS)
-    assert verdict.condition is None
-    assert "no region" in verdict.text
-    known = xr.Dataset({"hunts": every_other})
-    assert verdicts.judge(every_other, known).inside == 1.0
-    assert verdicts.judge(every_other, known, about="hunts").condition is None
 
 
 def test_a_claim_changes_with_the_kind_of_day_where_the_difference_is_large_and_no_chance():
@@ -150,10 +123,3 @@ def test_a_claim_changes_with_the_kind_of_day_where_the_difference_is_large_and_
     assert verdicts.change(xr.DataArray([[True, False]], dims=("kind", "tuning"))) == 0.0, "a single kind"
     without_scatter = xr.DataArray([[[True, True]] * 3, [[True, False]] * 3], dims=("kind", "day", "tuning"))
     assert verdicts.change(without_scatter) == 0.5
-
-
-def test_where_each_tuning_is_judged_once_the_condition_counts():
-    rarely = (TUNINGS.sample_time >= 15.0) & (np.arange(100) != 60)
-    rarely[0] = True
-    text = verdicts.judge(rarely, TUNINGS).text
-    assert text == "holds only if the sample time is 15 s or more (49 of 50 there, 1 of 50 elsewhere)"
