@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +14,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style
+from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
 from fastcoil.base.files import read_bytes
 from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.logs import Log
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION
-from fastcoil.model.engine.recorded import valve_flows
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -32,6 +31,12 @@ _TOGETHER = 0.95  # correlation of two parameters that are known only together
 _POOR = 0.8  # a model of the right thing explains at least this share of the variance
 _MUCH, _ROUND_OFF = 2.0, 1e-9
 _LARGEST = 2**20  # bytes of a file that a fit wrote
+_SHOWN = {
+    "valve": ("m_w", "flow [kg/s]", ""),
+    "coil": ("T_sup", "supply air [°C]", "T_sup_"),
+    "loop": ("T_sup", "supply air [°C]", ""),
+}
+"""The measured series of a figure, its label, and how the names of the modelled one and of the residual begin."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,7 +86,6 @@ class Fit(Result):
     held: dict[str, str]
     notes: list[str]
     seconds: float
-    extras: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     @property
     def correlation(self) -> xr.DataArray:
@@ -111,9 +115,34 @@ class Fit(Result):
         """Why not; empty if it does."""
         return self.held.get("backlash", "")
 
+    @apply_style()
     def plot(self) -> Figure:
-        """Figs 2 (valve) or 4 and 5 (coil) of the paper for this fit, or a loop's, as a matplotlib ``Figure``."""
-        return {"valve": _valve_figure, "coil": _coil_figure, "loop": _loop_figure}[self.kind](self)
+        """Measured and fitted values over time, the residual below, a column for each part of the log."""
+        from matplotlib.figure import Figure
+
+        measured, label, prefix = _SHOWN[self.kind]
+        ds, parts = self.residuals, [part for part in (FITTING, VALIDATION) if part in self.rmse]
+        fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 4.6), layout="constrained")
+        rows = fig.subplots(2, len(parts), squeeze=False, sharex="col", sharey="row", height_ratios=(3, 2))
+        for part, (above, below) in zip(parts, rows.T, strict=True):
+            span = np.flatnonzero(ds["part"].values == part)
+            of_log = ds["log"].values == str(ds["log"][span[0]].values)
+            # the warm-up before the fitted part is worth a look
+            first = int(span[0]) if part == VALIDATION and of_log[0] else int(np.argmax(of_log))
+            one = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
+            _over_hours(above, one, measured, color=YELLOW, lw=2.2, label="measured")
+            _over_hours(above, one, f"{prefix}modelled", color=BLUE, lw=1, ls="--", label="fitted")
+            _over_hours(below, one, f"{prefix}residual", color=RED, lw=1)
+            above.set_title(f"{part}: RMSE {self.rmse[part]:.2g} {self.unit}", loc="left")
+            above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
+            below.set_xlabel("time [h]")
+            for axes in (above, below):
+                _shade_unused(axes, one)
+        rows[0, 0].set_ylabel(label)
+        rows[1, 0].set_ylabel(f"measured - fitted [{self.unit}]")
+        if (ds["part"] == UNUSED).any():
+            fig.supxlabel("Grey: not compared", fontsize=8)
+        return fig
 
     def summary(self) -> list[str]:
         """The fit in words, line by line."""
@@ -237,125 +266,11 @@ def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> lis
     return notes
 
 
-_LEGEND: Any = {"loc": "lower right", "fontsize": 8, "framealpha": 0.8, "edgecolor": "none"}
-_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "fontsize": 8, "frameon": False}
-
-
-@apply_style()
-def _valve_figure(fit: Fit) -> Figure:
-    """Parity, data over the hysteresis curves, and profile."""
-    from matplotlib.figure import Figure
-
-    ds = fit.residuals
-    fig = Figure(figsize=(10.5, 3.6), layout="constrained")
-    parity, curves, right = fig.subplots(1, 3)
-    for part, colour, marker in ((FITTING, RED, "o"), (VALIDATION, YELLOW, "x")):
-        here = ds["part"].values == part
-        if here.any():
-            style: Any = {"color": colour, "marker": marker, "s": 10, "alpha": 0.6, "lw": 0.8 * (marker == "x")}
-            style["label"] = part
-            parity.scatter(ds["m_w"][here], ds["modelled"][here], **style)
-            curves.scatter(100 * ds["command"][here], ds["m_w"][here], **style)
-    top = 1.05 * float(np.nanmax(ds["m_w"]))
-    parity.plot([0, top], [0, top], color="black", lw=0.8)
-    parity.set(xlabel="measured flow [kg/s]", ylabel="modelled flow [kg/s]", title="Parity", aspect="equal")
-    parity.set(xlim=(0, top), ylim=(0, top))
-    for name, start, style in (("opening", 0.0, "-"), ("closing", 1.0, "--")):
-        command = np.linspace(start, 1.0 - start, 201)
-        flow, batch = np.empty((2, command.size, 1)), np.zeros(command.size, dtype=np.int64)
-        valve_flows(command, batch, fit.extras["curve"][:, None].copy(), np.full((1, 1), 1.0 - start), *flow)
-        flow = np.maximum(flow[1, :, 0], float(fit.extras["floor"]))
-        curves.plot(100 * command, flow, color=BLUE, lw=1.5, ls=style, label=f"model, {name}")
-    curves.set(xlabel="command [%]", ylabel="flow [kg/s]", title="Data over the hysteresis curves", ylim=(0, top))
-    for axes in (parity, curves):
-        axes.legend(**_LEGEND)
-    _profile(right, fit, "least RMSE of the fitted part [kg/s]")
-    return fig
-
-
-@apply_style()
-def _coil_figure(fit: Fit) -> Figure:
-    """Supply air, leaving water and flows over time, a column for each part."""
-    from matplotlib.figure import Figure
-
-    ds, rmse = fit.residuals, fit.rmse
-    parts = [part for part in (FITTING, VALIDATION) if part in rmse]
-    fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 5.6), layout="constrained")
-    rows = fig.subplots(3, len(parts), squeeze=False, sharex="col", height_ratios=(3, 2, 1.2))
-    for part, (air, water, flows) in zip(parts, rows.T, strict=True):
-        span = np.flatnonzero(ds["part"].values == part)
-        of_log = ds["log"].values == str(ds["log"][span[0]].values)
-        # the warm-up before the fitted part is worth a look
-        first = int(span[0]) if part == VALIDATION and of_log[0] else int(np.argmax(of_log))
-        one = ds.isel(elapsed_time=slice(first, int(span[-1]) + 1))
-        measured = f"RMSE {rmse[part + '_T_w_out']:.2g} K" if part + "_T_w_out" in rmse else "not measured"
-        _temperature(air, one, "T_sup", f"{part}: RMSE {rmse[part]:.2g} K", "supply air [°C]")
-        _temperature(water, one, "T_w_out", f"leaving water, {measured}", "leaving water [°C]")
-        _over_hours(flows, one, "m_w", color=BLUE, lw=1, label="water")
-        _over_hours(flows, one, "m_a", color=YELLOW, lw=1, ls="--", label="air")
-        flows.set(xlabel="time [h]", ylabel="flow [kg/s]")
-        flows.set_ylim(bottom=0.0)
-        flows.set_title("flows", loc="left")
-        flows.legend(ncols=2, **_ABOVE)
-        for axes in (air, water, flows):
-            _shade_unused(axes, one)
-    if (ds["part"] == UNUSED).any():
-        fig.supxlabel("Grey: not compared", fontsize=8)
-    return fig
-
-
-@apply_style()
-def _loop_figure(fit: Fit) -> Figure:
-    """Measured and modelled supply temperature with and without the gap, the command, and the profile."""
-    from matplotlib.figure import Figure
-
-    ds = fit.residuals
-    fig = Figure(figsize=(10.5, 5.0), layout="constrained")
-    left, right = fig.subfigures(1, 2, width_ratios=(2, 1))  # type: ignore[misc]
-    above, below = left.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    _over_hours(above, ds, "T_sup", label="measured", color=YELLOW, lw=2.4)
-    _over_hours(above, ds, "modelled_without_backlash", label="modelled without the gap", color=RED, lw=1.0, ls=":")
-    _over_hours(above, ds, "modelled", label="modelled", color=BLUE, lw=1.0, ls="--")
-    above.set_ylabel("supply air [°C]")
-    above.legend(ncols=3, **_ABOVE)
-    _over_hours(below, ds, "command", 100.0, color=GREY)
-    below.set(xlabel="time [h]", ylabel="command [%]")
-    for axes in (above, below):
-        _shade_unused(axes, ds)
-    _profile(right.subplots(), fit, "RMSE of the changes over two minutes [K]")
-    if (ds["part"] == UNUSED).any():
-        left.supxlabel("Grey: not compared", fontsize=8)
-    return fig
-
-
-def _profile(axes: Axes, fit: Fit, label: str) -> None:
-    ds = fit.profile
-    assert ds is not None
-    low, high = (100 * bound for bound in ds.attrs["interval_95"])
-    axes.plot(100 * ds["backlash"], ds["rmse"], color=BLUE, marker=".", ms=4)
-    if "limit" in ds.attrs:
-        axes.axhline(ds.attrs["limit"], color="black", lw=0.8, ls=DOTTED, label="limit of the 95 % interval")
-    axes.axvspan(low, high, color=RED, alpha=0.3, lw=0, label="95 % interval")
-    found = f"95 % interval {low:.3g} to {high:.3g} %"
-    title = found if "backlash" in fit.parameters else "the backlash is not identified"
-    axes.set(xlabel="backlash [%]", ylabel=label, title=f"Profile: {title}")
-    axes.legend(**_LEGEND | {"loc": "upper center"})
-
-
-def _temperature(axes: Axes, ds: xr.Dataset, name: str, title: str, label: str) -> None:
-    if np.isfinite(ds[name]).any():
-        _over_hours(axes, ds, name, color=YELLOW, lw=2.2, label="measured")
-    _over_hours(axes, ds, f"{name}_modelled", color=BLUE, lw=1, ls="--", label="modelled")
-    axes.set_ylabel(label)
-    axes.set_title(title, loc="left")
-    axes.legend(ncols=2, **_ABOVE)
-
-
-def _over_hours(axes: Axes, ds: xr.Dataset, name: str, scale: float = 1.0, **style: Any) -> None:
+def _over_hours(axes: Axes, ds: xr.Dataset, name: str, **style: Any) -> None:
     """Plot a series, with a break wherever the record has one."""
     breaks = np.flatnonzero(np.diff(ds["batch"])) + 1
     hours, values = (np.insert(ds[n].values.astype(float), breaks, np.nan) for n in ("elapsed_time", name))
-    axes.plot(hours / 3600, scale * values, **style)
+    axes.plot(hours / 3600, values, **style)
 
 
 def _shade_unused(axes: Axes, ds: xr.Dataset) -> None:

@@ -263,5 +263,4 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, as_logged: Array, ho
             limit=limit,
         ),
         n_used=spread.n_used, n_effective=spread.n_effective,
-        extras={"floor": np.array(problem.floor), "curve": natural},
     )  # fmt: skip

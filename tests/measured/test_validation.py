@@ -117,7 +117,7 @@ def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days):
     assert any(note.startswith("not validated: the coil is unstable at the flows") for note in problem.notes)
     fit = fc.fit_coil(first, validation=large)
     assert "validation" not in fit.rmse
-    assert len(fit.plot().axes) == 3
+    assert len(fit.plot().axes) == 2
 
 
 def test_a_model_that_explains_little_is_noted_and_a_fit_to_round_off_is_not_called_worse_in_validation():

@@ -143,7 +143,6 @@ def test_a_backlash_that_is_only_noise_is_not_identified():
         fit = fc.fit_valve(log_of(command, noisy(rng, flows(command, backlash=0.02), 0.3, 0.5)), split=1.0)
         assert "backlash" not in fit.parameters, seed
         assert "fits as well (95 %): the flow's noise is larger" in fit.held["backlash"]
-    assert "not identified" in fit.plot().axes[2].get_title()
 
 
 def test_two_positions_identify_neither_the_backlash_nor_the_curve():
@@ -224,25 +223,21 @@ def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise()
     command = np.repeat(rng.uniform(0.0, 1.0, 60), 20)
     log = log_of(command, noisy(rng, flows(command, backlash=0.005), 0.06, phi=0.97), 30.0)
     fit = fc.fit_valve(log, split=1.0, settle=0.0)
-    assert fit.extras["curve"][0] < 1e-6
+    assert fit.backlash < 1e-6
     low, high = fit.profile.attrs["interval_95"]
     assert low == 0.0
     assert high > 0.005
 
 
-def test_a_valve_is_shown_over_commands_in_per_cent(fit):
+def test_the_figure_shows_measured_and_fitted_flow_of_both_parts_over_their_difference(fit):
     figure = fit.plot()
-    parity, curves, profile = figure.axes
-    assert [axes.get_title() for axes in (parity, curves)] == ["Parity", "Data over the hysteresis curves"]
-    assert [axes.get_xlabel() for axes in (curves, profile)] == ["command [%]", "backlash [%]"]
-    opening, _ = curves.lines
-    assert (opening.get_xdata()[0], opening.get_xdata()[-1]) == (0.0, 100.0)
-    points = [tuple(row) for dots in curves.collections for row in dots.get_offsets()]
-    measured = zip(100 * fit.residuals["command"].values, fit.residuals["m_w"].values, strict=True)
-    assert set(points) <= set(measured)
-    np.testing.assert_allclose(profile.lines[0].get_xdata(), 100 * fit.profile["backlash"])
-    low, high = fit.intervals["backlash"]
-    assert profile.get_title() == f"Profile: 95 % interval {100 * low:.3g} to {100 * high:.3g} %"
+    above, other, below, _ = figure.axes
+    titles = [axes.get_title(loc="left") for axes in (above, other)]
+    assert titles == [f"{part}: RMSE {fit.rmse[part]:.2g} kg/s" for part in ("fit", "validation")]
+    ds = fit.residuals.where(fit.residuals["part"] == "fit", drop=True)
+    for line, name in zip((*above.lines, *below.lines), ("m_w", "modelled", "residual"), strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), ds[name])
+    assert (above.get_ylabel(), below.get_ylabel()) == ("flow [kg/s]", "measured - fitted [kg/s]")
     assert_palette(figure)
     assert_texts_fit(figure)
 

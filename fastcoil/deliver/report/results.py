@@ -62,16 +62,10 @@ _QUESTIONS = {
     "coil": "Which heat transfer and which heat capacity does this coil have?",
     "loop": "Which backlash does this valve have, seen from the supply air temperature?",
 }
-_CAPTIONS = {
-    "valve": "Left: modelled over measured flow; on the line they are equal.  Middle: flow over command, dots as "
-    "measured, lines as the fitted valve gives it, opening and (dashed) closing.  Right: the error that is left with "
-    "the backlash held at each size; sizes below the dotted limit are within the 95 % interval.",
-    "coil": "Supply air, leaving water if it was logged, and flows over time, measured and (dashed) as the fitted coil "
-    "gives them; on the left the part that was fitted, on the right the part held back.  Grey: not compared.",
-    "loop": "Left: supply air, measured (broad line) and as the fitted loop gives it, with the gap (dashed) and "
-    "without (dotted), over the command.  Right: the error that is left with the backlash held at each size; shaded: "
-    "the 95 % interval.  Grey: not compared.",
-}
+_CAPTION = (
+    "Measured (broad line) and (dashed) as the fitted model gives it, over their difference; on the left the part that "
+    "was fitted, on the right the part held back.  Grey: not compared."
+)
 
 
 def fit_page(fit: Fit) -> Page:
@@ -87,7 +81,7 @@ def fit_page(fit: Fit) -> Page:
     note = "Fit: the part that the parameters were fitted to.  Validation: a part that they never saw."
     numbers = [_fitted_parameters(fit), Table("Error of the model, RMS", ["part of the log", "error"], errors, note)]
     sections = _sections(
-        picture(fit.plot(), _CAPTIONS[kind], f"Measured and modelled {kind}"), [Section("In numbers", numbers)],
+        picture(fit.plot(), _CAPTION, f"Measured and modelled {kind}"), [Section("In numbers", numbers)],
         [*known_together, *fit.notes], [facts(("Log", log), ("Method", method)), Code(command)],
         (kind, "it", fit.to_toml()),
     )  # fmt: skip
