@@ -1,21 +1,25 @@
-"""Progress of long work: a bar on a terminal, a line in a notebook, lines of text elsewhere.
+"""Progress of long work: a bar on a terminal, lines of text elsewhere.
 
 Not shown for work of less than 2 s, in workers, or in unattended runs.
 """
 
-import builtins
 import multiprocessing
 import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Self
 
 SECONDS_BETWEEN_LINES = 10.0
-_BETWEEN_UPDATES = 0.5  # seconds between updates in a notebook; each one is sent to the browser
+PATIENCE = 2.0
+"""Seconds before progress is shown."""
+_IN_TESTS = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")
+
+Advance = Callable[[int], None]
+"""Receives the number of scenario-days finished since the last call."""
 
 
 def duration(seconds: float) -> str:
@@ -87,74 +91,46 @@ class Bar:
         self.bar.stop()
 
 
-class Text:
-    """Lines of text for ``put``, ``every`` so many seconds; with ``closing`` also the first and the last one."""
+class Lines:
+    """Lines of text on stderr, some seconds apart; with ``closing`` also a last one."""
 
-    def __init__(self, put: Callable[[str], object], every: float, *, opening: bool, closing: bool) -> None:
-        self.put, self.every, self.opening, self.closing = put, every, opening, closing
-        self.last = time.monotonic()
+    def __init__(self, *, closing: bool) -> None:
+        self.closing, self.last = closing, time.monotonic()
 
     def open(self, state: State) -> None:
-        if self.opening:
-            self.last = time.monotonic()
-            self.put(state.words())
+        pass
 
     def draw(self, state: State) -> None:
         now = time.monotonic()
-        if now - self.last >= self.every and state.done < state.of:
+        if now - self.last >= SECONDS_BETWEEN_LINES and state.done < state.of:
             self.last = now
-            self.put(state.words())
+            self._write(state)
 
     def close(self, state: State) -> None:
         if self.closing and state.done >= state.of:
-            self.put(state.words())
-        elif self.opening:
-            self.put(f"stopped at {state.done:,} of {state.of:,} {state.what}")
+            self._write(state)
 
-
-def _write(line: str) -> None:
-    with suppress(OSError, ValueError):  # stderr is closed
-        sys.stderr.write(f"{line}\n")
-        sys.stderr.flush()
-
-
-def _cell() -> Callable[[str], object]:
-    """Returns a function that shows a line in a notebook cell in place of the one before.
-
-    No widgets: they may not be installed, and saved notebooks lose them.
-    """
-    from IPython.display import display  # type: ignore[import-not-found,unused-ignore]
-
-    shown: list[Any] = []
-
-    def put(words: str) -> None:
-        data = {"text/plain": words, "text/html": words}
-        if shown:
-            shown[0].update(data, raw=True)
-        else:
-            shown.append(display(data, raw=True, display_id=True))  # type: ignore[no-untyped-call,unused-ignore]
-
-    return put
-
-
-PATIENCE = 2.0
-"""Seconds before progress is shown."""
-_IN_TESTS = ("PYTEST_VERSION", "PYTEST_CURRENT_TEST")
-
-Advance = Callable[[int], None]
-"""Receives the number of scenario-days finished since the last call."""
+    def _write(self, state: State) -> None:
+        with suppress(OSError, ValueError):  # stderr is closed
+            print(state.words(), file=sys.stderr, flush=True)
 
 
 class Shown:
-    """Shows progress in a view; call ``start`` when the total is known."""
+    """Shows progress in a view; call ``start`` when the total is known.  As a context it closes the view at its end."""
 
-    def __init__(self, view: Bar | Text | None, patience: float) -> None:
+    def __init__(self, view: Bar | Lines | None, patience: float) -> None:
         self._view, self._patience = view, patience
         self._lock = threading.RLock()
         self._timer: threading.Timer | None = None
         self._state = State(0)
         self._first: float | None = None
         self._is_open = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
 
     def start(self, of: int, before: int = 0, what: str = "scenario-days") -> Advance:
         """Begin with ``before`` of ``of`` of ``what`` done; returns the function that advances the count."""
@@ -207,38 +183,19 @@ def _ignore(_: int) -> None:
     pass
 
 
-@contextmanager
-def progress_of_call(progress: bool | None) -> Iterator[Shown]:
-    """Progress of a Python call; with None only on a terminal or in a notebook, after 2 s."""
-    shown = Shown(_view_of(progress), 0.0 if progress else PATIENCE)
-    try:
-        yield shown
-    finally:
-        shown.stop()
+def progress_of_call(progress: bool | None) -> Shown:
+    """Progress of a Python call; with None only on a terminal, after 2 s."""
+    is_silent = progress is False or (progress is None and not (is_terminal() and _is_interactive()))
+    return Shown(None if is_silent else _view(closing=True), 0.0 if progress else PATIENCE)
 
 
-@contextmanager
-def progress_of_command() -> Iterator[Shown]:
+def progress_of_command() -> Shown:
     """Progress of a command on stderr."""
-    shown = Shown(Bar() if is_terminal() else _lines(closing=False), PATIENCE)
-    try:
-        yield shown
-    finally:
-        shown.stop()
+    return Shown(_view(closing=False), PATIENCE)
 
 
-def _view_of(progress: bool | None) -> Bar | Text | None:
-    if progress is False or (progress is None and not _is_interactive()):
-        return None
-    if _in_notebook():
-        return Text(_cell(), _BETWEEN_UPDATES, opening=True, closing=True)
-    if is_terminal():
-        return Bar()
-    return _lines(closing=True) if progress else None
-
-
-def _lines(*, closing: bool) -> Text:
-    return Text(_write, SECONDS_BETWEEN_LINES, opening=False, closing=closing)
+def _view(*, closing: bool) -> Bar | Lines:
+    return Bar() if is_terminal() else Lines(closing=closing)
 
 
 def _is_interactive() -> bool:
@@ -248,12 +205,3 @@ def _is_interactive() -> bool:
         and multiprocessing.current_process().name == "MainProcess"
         and threading.current_thread() is threading.main_thread()
     )
-
-
-def _in_notebook() -> bool:
-    """Whether output is displayed by a Jupyter front end."""
-    if not hasattr(builtins, "get_ipython"):  # rich is slow to import
-        return False
-    from rich.console import Console
-
-    return Console(stderr=True).is_jupyter

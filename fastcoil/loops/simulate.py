@@ -281,8 +281,8 @@ def simulate(
     n_jobs
         Threads; all cores by default.  The result does not depend on it.
     progress
-        Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
-        on a terminal and in a notebook, after 2 s.
+        Whether to show how many scenario-days are done, on stderr: True always, False never; None on a terminal, after
+        2 s.
 
     Returns
     -------

@@ -100,8 +100,8 @@ def run_study(
     extend
         Whether ``out`` may hold a smaller version of the study, all of which is kept.
     progress
-        Whether to show how many scenario-days are done, on stderr or in the notebook: True always, False never; None
-        on a terminal and in a notebook, after 2 s.
+        Whether to show how many scenario-days are done, on stderr: True always, False never; None on a terminal, after
+        2 s.
 
     Returns
     -------

@@ -75,13 +75,6 @@ def test_on_request_even_a_short_call_says_in_a_script_what_it_did(calls, capfd)
     assert said.count("\n") == 1
 
 
-@pytest.mark.kernel
-@pytest.mark.parametrize("name", ["simulate", "run_study", "tune"])
-def test_a_call_that_was_not_asked_is_silent_here(calls, name, capfd):
-    calls[name]()
-    assert capfd.readouterr().err == ""
-
-
 @pytest.mark.parametrize("name", ["simulate", "run_study", "tune"])
 @pytest.mark.parametrize("given", [1, "yes", [True]])
 def test_what_is_neither_yes_nor_no_is_refused(calls, name, given):

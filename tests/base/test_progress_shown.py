@@ -1,6 +1,5 @@
 """Progress is shown where someone looks, of work that takes a while, and ends with a whole line."""
 
-import builtins
 import io
 import multiprocessing
 import sys
@@ -12,7 +11,6 @@ import pytest
 from helpers.processes import wait_for
 
 from fastcoil.base import progress as shown
-from fastcoil.base import progress as views
 from fastcoil.base.progress import progress_of_call, progress_of_command
 
 
@@ -36,33 +34,6 @@ def look(outside_of_tests, monkeypatch):
         return stderr
 
     return terminal
-
-
-@pytest.fixture
-def notebook(outside_of_tests, monkeypatch):
-    """What a notebook without widgets shows, one after the other."""
-    seen = []
-
-    class ZMQInteractiveShell:
-        pass
-
-    class Handle:
-        def update(self, data, raw):
-            seen.append(data)
-
-    def display(data, raw, display_id):
-        assert raw
-        assert display_id
-        seen.append(data)
-        return Handle()
-
-    module = types.ModuleType("IPython.display")
-    module.display = display
-    monkeypatch.setattr(builtins, "get_ipython", ZMQInteractiveShell, raising=False)
-    monkeypatch.setitem(sys.modules, "IPython", types.ModuleType("IPython"))
-    monkeypatch.setitem(sys.modules, "IPython.display", module)
-    monkeypatch.setitem(sys.modules, "ipywidgets", None)
-    return seen
 
 
 @pytest.fixture
@@ -117,34 +88,6 @@ def test_ctrl_c_leaves_a_whole_line_and_the_cursor(look, soon):
     assert terminal.getvalue().endswith("\n\x1b[?25h")
 
 
-def test_a_notebook_shows_it_without_widgets_and_keeps_a_line(notebook, clock):
-    with progress_of_call(True) as progress:
-        advance = progress.start(6_000)
-        clock[0] += 0.4
-        advance(1_000)
-        clock[0] += 1.6
-        advance(1_000)
-        assert [data["text/plain"] for data in notebook] == [
-            "0 of 6,000 scenario-days",
-            "2,000 of 6,000 scenario-days, 1,000/s, 4.0 s to go",
-        ]
-        clock[0] += 4.0
-        advance(4_000)
-    assert notebook[-1] == dict.fromkeys(("text/plain", "text/html"), "6,000 scenario-days in 6.0 s")
-
-
-def test_an_interrupted_notebook_keeps_how_far_it_came(notebook, soon):
-    def interrupted():
-        with progress_of_call(None) as progress:
-            progress.start(10)(4)
-            wait_for(lambda: notebook)
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert notebook[-1]["text/plain"] == "stopped at 4 of 10 scenario-days"
-
-
 def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(outside_of_tests, clock, capsys):
     for progress, lines in ((None, []), (False, []), (True, ["4 of 8 scenario-days, 11 s to go"])):
         with progress_of_call(progress) as on_show:
@@ -195,4 +138,4 @@ def test_a_stderr_that_nobody_reads_ends_no_run(outside_of_tests, monkeypatch):
 
 
 def test_durations_in_words():
-    assert [views.duration(s) for s in (0.04, 9.94, 99.4, 150, 7200)] == ["0.0 s", "9.9 s", "99 s", "2 min", "2.0 h"]
+    assert [shown.duration(s) for s in (0.04, 9.94, 99.4, 150, 7200)] == ["0.0 s", "9.9 s", "99 s", "2 min", "2.0 h"]
