@@ -49,8 +49,8 @@ if (search !== location.search) history.replaceState(null, '', location.pathname
 """
 _MOVED = "document.body.dataset.phase = 'loop'"
 _COPY = """
-navigator.clipboard.writeText(python ? texts.data.python[0] : location.href).then(
-    () => { document.getElementById('said').textContent = said },
+navigator.clipboard.writeText(location.href).then(
+    () => { document.getElementById('said').textContent = 'The link is copied.' },
     () => { document.getElementById('said').textContent = 'The browser does not let this page copy.' })
 """
 _DOWNLOAD = """
@@ -82,7 +82,7 @@ class Page:
         self._settings, self._problems = read_query(query, model.starts, model.first)
         self._begin = self._settings
         self._working, self._turns = False, 0
-        names = (*_TEXTS, "phase", "query", "python", "toml", "turn")
+        names = (*_TEXTS, "phase", "query", "toml", "turn")
         self._texts = ColumnDataSource({name: [""] for name in names}, name="texts")
         self._figures, self._map = LoopFigures(), MapFigure(self._go)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_SHEET)]}
@@ -209,11 +209,10 @@ class Page:
 
     def _show_run(self, settings: Settings, run: Run) -> None:
         self._figures.show(run, settings.window)
-        start = self._model.starts[settings.loop]
         self._say(
             headline=words.headline(run), learning=words.learning(run), prediction=words.prediction(run),
             outcome=words.outcome(run), query=query_of(settings, self._model.starts),
-            python=words.python_lines(settings, start), toml=words.study_file(settings, start), phase="map",
+            toml=words.study_file(settings, self._model.starts[settings.loop]), phase="map",
         )  # fmt: skip
 
     def _show_map(self, settings: Settings, found: Map | InputError) -> None:
@@ -252,13 +251,10 @@ class Page:
             _button(title, partial(self._move, settings_of_story(title, self._model.starts))) for title in STORIES
         ]
         reset = _button("Reset", partial(self._move, self._begin))
-        taken = {title: _button(title) for title in ("Copy link", "Copy Python", "Save TOML")}
-        texts: Any = {"texts": self._texts}
-        link, python = "The link is copied.", "The lines are copied."
-        taken["Copy link"].js_on_click(CustomJS(code=_COPY, args=texts | {"python": False, "said": link}))
-        taken["Copy Python"].js_on_click(CustomJS(code=_COPY, args=texts | {"python": True, "said": python}))
-        taken["Save TOML"].js_on_click(CustomJS(code=_DOWNLOAD, args=texts))
-        for name, buttons in (("stories", stories), ("tools", [reset, *taken.values()])):
+        link, study = _button("Copy link"), _button("Save TOML")
+        link.js_on_click(CustomJS(code=_COPY))
+        study.js_on_click(CustomJS(code=_DOWNLOAD, args={"texts": self._texts}))
+        for name, buttons in (("stories", stories), ("tools", [reset, link, study])):
             doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
         # what was said before the page was there is no change any more
         doc.js_on_event(DocumentReady, show)

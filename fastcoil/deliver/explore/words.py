@@ -1,4 +1,4 @@
-"""What is seen, in sentences for a lecture hall; the loop and its day as Python and as a study file."""
+"""What is seen, in sentences for a lecture hall; the loop and its day as a study file."""
 
 import math
 from typing import Any
@@ -112,45 +112,17 @@ def outcome(run: Run) -> str:
     return f"Simulated: {verdict}.{'' if agree else '  The two disagree: go by the simulation.'}"
 
 
-def python_lines(settings: Settings, start: Start) -> str:
-    """A script that simulates the loop."""
-    preset, changed = _preset_and_changes(settings, start)
-    assign = f".assign({_arguments(changed)})" if changed else ""
-    day = day_of(settings, start)
-    made = f"fc.{day[0]}({_arguments(day[1])})" if day else f"fc.paper_day()  # give that of {start.title}"
-    run = "" if day else f", warm_up={start.warm_up}, seed={start.seed}"
-    return (
-        "import fastcoil as fc\n\n"
-        f"loop = fc.Loop.preset({in_toml(preset)}){assign}\n"
-        f"day = {made}\n"
-        f"ds = fc.simulate(loop, day{run})\n"
-        'print(ds[["rmse", "hunts", "hunting_swing", "hunting_period"]])\n'
-    )
-
-
 def study_file(settings: Settings, start: Start) -> str:
-    """A study file for ``fastcoil run``."""
-    preset, changed = _preset_and_changes(settings, start)
-    day = day_of(settings, start)
-    boundary = [f"# [boundary]: that of {start.title}"]
-    if day is not None:
-        boundary = ["[boundary]", *_rows({"kind": day[0]} | day[1])]
-    return "\n".join(["# from `fastcoil explore`", "[loop]", *_rows({"preset": preset} | changed), "", *boundary, ""])
-
-
-def _preset_and_changes(settings: Settings, start: Start) -> tuple[str, dict[str, Any]]:
-    """A preset, and what differs from it."""
+    """A study file for ``fastcoil run``, without the day of a study."""
     preset = "paper_like" if settings.loop == GIVEN else settings.loop
     constants = loop_of(settings, start).constants
-    changed = {name: constants[name] for name in PRESETS[preset].changed(constants)}
-    if changed.get("estimator") == "none" and "estimator" not in PRESETS[preset].values:
-        del changed["estimator"]
-    return preset, changed
-
-
-def _rows(values: dict[str, Any]) -> list[str]:
-    return [f"{name} = {in_toml(value)}" for name, value in values.items()]
-
-
-def _arguments(values: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={in_toml(value)}" for name, value in values.items())
+    tables: dict[str, dict[str, Any]] = {
+        "loop": {"preset": preset} | {name: constants[name] for name in PRESETS[preset].changed(constants)}
+    }
+    day = day_of(settings, start)
+    if day is not None:
+        tables["boundary"] = {"kind": day[0]} | day[1]
+    lines = ["# from `fastcoil explore`"]
+    for table, values in tables.items():
+        lines += [f"[{table}]", *(f"{name} = {in_toml(value)}" for name, value in values.items())]
+    return "\n".join([*lines, ""])
