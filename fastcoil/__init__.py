@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from fastcoil.model.user_rules import estimator as estimator
     from fastcoil.model.user_rules import law as law
     from fastcoil.model.user_rules import parameter as parameter
-    from fastcoil.study.analysis.check_rule import check_rule as check_rule
     from fastcoil.study.analysis.compare import compare as compare
     from fastcoil.study.analysis.cost import cost as cost
     from fastcoil.study.analysis.sobol import sobol_indices as sobol_indices
@@ -63,7 +62,6 @@ _HOME = {
     "Loop": "loops.loop",
     "StorageError": "base.errors",
     "bode": "design.frequency_figures",
-    "check_rule": "study.analysis.check_rule",
     "compare": "study.analysis.compare",
     "constant_day": "loops.boundary.days",
     "cost": "study.analysis.cost",

@@ -38,12 +38,7 @@ def scheduled(now, p, memory):
 
 
 # %%
-# Run it once compiled and once as plain Python, and compare:
-
-print(f"largest difference: {fc.check_rule(scheduled)}")
-
-# %%
-# Then put it beside the PI, on several valves and with more and more gain:
+# Put it beside the PI, on several valves and with more and more gain:
 
 loop = fc.Loop.preset("lbnl").assign(
     law=["pi", scheduled],

@@ -14,12 +14,11 @@ import pytest
 import xarray as xr
 from helpers.log_files import COIL_HEADER, VALVE_HEADER, coil_rows, valve_rows, write_csv
 from helpers.loop_logs import loop_log, write_log
-from helpers.rules import Memory, Parameters, by_error
+from helpers.rules import Memory, Parameters
 from helpers.trend_logs import HEADER, ROWS
 from matplotlib.figure import Figure
 
 import fastcoil as fc
-from fastcoil.base import figures as files
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
@@ -73,7 +72,6 @@ def public_calls():
             found |= _methods(name, value)
     for cls in (Fit, Diagnosis, Tuning):
         found |= _methods(cls.__name__, cls)
-    found[files.write.__name__] = files.write
     found |= {f"plot.{name}": getattr(fc.plot, name) for name in fc.plot.__all__}
     return {name: call for name, call in found.items() if parameters(call)}
 
@@ -153,7 +151,6 @@ def base_calls(tmp_path_factory):
         "Loop.from_dataset": (fc.Loop.from_dataset, {"ds": ds}),
         "Loop.preset": (fc.Loop.preset, {"name": "lbnl"}),
         "bode": (fc.bode, {"loop": loop, "boundary": day, "at": 10}),
-        "check_rule": (fc.check_rule, {"rule": by_error, "boundary": day}),
         "compare": (fc.compare, {"ds": ds, "baseline": {"backlash": 0.02}, "over": "replicate"}),
         "constant_day": (fc.constant_day, days),
         "cost": (fc.cost, {"ds": dated, "electricity": 0.2, "demand": 12.0, "heat": 0.05}),
@@ -186,7 +183,6 @@ def base_calls(tmp_path_factory):
         "tune": (fc.tune, tuning),
         "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
         "weather_year": (fc.weather_year, {"path": weather, "year": 2023, "T_design": 30.0}),
-        "write": (files.write, {"figures": {}, "folder": folder}),
     }
 
 

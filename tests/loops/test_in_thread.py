@@ -83,7 +83,6 @@ fc.{call}
     "call",
     [
         "simulate(fc.Loop(estimator=endless), fc.constant_day(hours=1), n_jobs=1)",
-        pytest.param("check_rule(endless)", marks=pytest.mark.full),
         pytest.param(
             "simulate(fc.Loop(estimator=endless, kp=[0.1, 0.2]), fc.constant_day(hours=1), n_jobs=2)",
             marks=pytest.mark.full,

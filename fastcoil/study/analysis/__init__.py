@@ -2,6 +2,5 @@
 
 ``compare``: paired differences against a baseline, on the statistics of ``paired``.  ``summary``: the findings of a
 study in sentences, with what energy costs by ``cost``.  ``sobol``: which parameters drive a spread.  ``selected``: part
-of a result by labels, and drawn parameters in groups.  ``check_rule``: whether a compiled rule
-does what its Python says.
+of a result by labels, and drawn parameters in groups.
 """

@@ -5,6 +5,7 @@ import pytest
 from helpers.rules import Memory, Parameters, by_error, by_switches, own_pi
 
 import fastcoil as fc
+from fastcoil.model.estimators.interface import Sample
 from fastcoil.model.parameter_table import PARAMETERS
 
 KI = 0.03 * 30.0 / 8.0
@@ -83,6 +84,28 @@ def test_a_law_takes_the_place_of_the_pi_and_the_inverse_stays_behind_it(short):
     np.testing.assert_allclose(ds.command.sel(law="own_pi"), ds.command.sel(law="pi"), rtol=0, atol=1e-12)
     assert not ds.integral.sel(law="own_pi").any()
     assert (ds.command != ds.u).any()
+
+
+TABLE = tuple(0.01 * k for k in range(10))
+
+
+@pytest.mark.kernel
+def test_a_compiled_law_answers_as_its_python_to_the_sample_that_the_traces_show(short):
+    @fc.law(Parameters, Memory)
+    def all_fields(now, p, memory):
+        seen = now.t / 1e4 + now.T_set / 20 + now.m_a + now.T / 20 + now.e + now.u + now.command + now.mode
+        return abs(seen + now.switches / 10 + now.estimate + TABLE[min(max(int(10 * now.u), 0), 9)]) % 1.0, memory
+
+    loop = fc.Loop(law=all_fields, estimator=by_error, noise_std=0.02, gain=1e-3)
+    traces = ["T_measured", "u", "command", "mode", "estimate"]
+    ds = fc.simulate(loop, short, warm_up=0, traces=traces)
+    T, u, command, mode, estimate = (ds[n].values.astype(float) for n in traces)
+    T_set, m_a = (short.series[n][0] for n in ("T_set", "m_a"))
+    switches = np.cumsum(np.diff(mode, prepend=-1.0) != 0.0)
+    for t in range(30, u.size, 30):
+        before = (u[t - 1], command[t - 1], mode[t - 1], float(switches[t - 1]))
+        now = Sample(float(t), T_set[t], m_a[t], T[t], T[t] - T_set[t], *before, estimate[t])
+        assert u[t] == pytest.approx(all_fields(now, None, Memory())[0], abs=1e-9)
 
 
 @pytest.mark.kernel
