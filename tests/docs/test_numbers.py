@@ -1,10 +1,10 @@
-"""Numbers and tables on the pages are those that the studies wrote."""
+"""Numbers, tables and statements on the pages are those of what the studies wrote."""
 
 import re
 from pathlib import Path
 
 import pytest
-from builder.numbers import filled, number, pages, table_file
+from builder.numbers import FIRST, filled, number, pages, rows, table_file
 
 ROOT = Path(__file__).parents[2]
 PAGES = pages(ROOT)
@@ -41,27 +41,6 @@ def test_every_table_is_shown_or_linked_and_has_a_name_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("mark", "text"),
-    [
-        ("margin & stepped | right", "98.9 % (98.4 to 99.3)"),
-        ("margin & stepped | right | short", "98.9 %"),
-        ("margin & constant | RMSE", "+7 %"),
-        ("margin & stepped | RMSE | part 1, unsigned", "30 % (25 to 34)"),
-        ("margin & stepped | RMSE | part 2", "× 1.5"),
-        ("margin & stepped | RMSE | part 1, bare", "-30"),
-        ("margin & stepped | travel | whole", "95 %"),
-        ("margin | travel | range", "95.4 to 1,200"),
-        ("margin & stepped | right | of to ([\\d.]+)", "99.3"),
-        ("margin, f | right", "40 %"),
-        ("title | (\\d+) % hunt", "3"),
-    ],
-)
-def test_a_mark_names_a_cell_and_how_to_write_it(root, mark, text):
-    page = f"<!-- number rules | {mark} -->old<!-- /number -->"
-    assert filled(root, page) == f"<!-- number rules | {mark} -->{text}<!-- /number -->"
-
-
-@pytest.mark.parametrize(
     "mark",
     ["rules | stepped | right", "rules | nobody | right", "rules | margin & stepped | r", "rule | margin | right",
      "rules | margin & stepped | right | of (nothing)", "rules | title | (nothing)"],
@@ -75,3 +54,37 @@ def test_a_mark_that_fits_nothing_or_more_than_one_cell_is_refused(root, mark):
 def test_a_table_is_put_between_its_marks(root):
     page = "a\n\n<!-- table rules -->\nold\n<!-- end rules -->\nb\n"
     assert filled(root, page) == f"a\n\n<!-- table rules -->\n\n{RULES}\n<!-- end rules -->\nb\n"
+
+
+FOUR = ("quasistatic", "4")
+EIGHT = ("quasistatic", "8")
+STATEMENTS = [
+    ("remedies", "Gains tuned for it do not cure that", 0, ("remedies_tuned", "RMSE against", "learner"), 1, 99),
+    ("hunting", "It costs no accuracy", 0, ("hunting_cost", "constant", "(kp K)^"), 0, 0),
+    ("learning", "wrong on all of those days", 0, ("learners_failures", "identify", "valves: constant"), 100, 100),
+    ("learning", "No worn valve of the population gets worse", 0, ("learners_worse", "identify"), 0, 0),
+    ("learning", "hardly ever too high", 0, ("learners_cost", "too high", "identify"), 0, 0),
+    ("wear", "changes by less than 0.1 %", 0, ("wear_energy", "gradient"), -0.1, 0.1),
+    ("wear", "no controller takes 0.8 percentage points off", 1, ("wear_energy", "gradient"), -0.8, 0),
+    ("heating", "neither preset hunts", 0, ("heating_fresh", "hunting, worn", "own"), 0, 0),
+    ("heating", "No valve of up to 15 % makes these loops hunt", 2, ("heating_backlash", "plain PI"), 0, 0),
+    ("heating", "`identify` harms no good valve", 0, ("heating_backlash", "`identify`", "X = 0"), 0, 0),
+    ("tuning", "and nothing hunts", 0, ("tuning", "hunting", "tuned PI"), 0, 0),
+    ("numerics", "With 4 it is 3 %", 0, ("convergence_steps", "rmse", "paper_like_fast", *FOUR), 2.5, 3.5),
+    ("numerics", "differs from that with 32 by more than 1 %", 0, ("convergence_steps", "rmse", *EIGHT), -1, 1),
+    ("numerics", "That is below 1 %", 1, ("convergence_wet", "heat, % of", "partly wet", "8"), 0, 1),
+    ("inverse", "no other parameter exceeds 0.1", 0, ("sensitivity", "95 %, first", "rangeability"), 0.04, 0.1),
+]
+"""Page, its words, which number of the cells of a table, and the range in which all of them must be."""
+
+
+@pytest.mark.parametrize(("page", "words", "part", "where", "low", "high"), STATEMENTS)
+def test_a_statement_in_words_holds_in_its_table(page, words, part, where, low, high):
+    text = re.sub(r"\s+", " ", (ROOT / "docs" / "findings" / f"{page}.md").read_text())
+    assert words in text
+    table, column, *labels = where
+    found = rows(table_file(ROOT, table).read_text())
+    fit = [row for row in found if all(any(cell.startswith(label) for cell in row.values()) for label in labels)]
+    cells = [next(cell for head, cell in row.items() if head.startswith(column)) for row in fit]
+    assert cells
+    assert all(low <= float(FIRST.findall(cell)[part].replace(",", "")) <= high for cell in cells)
