@@ -122,7 +122,7 @@ class Boundary(Samples):
         return text_of(self)
 
     def plot(self) -> Figure:
-        """The series over time, as a matplotlib ``Figure``; days that do not follow each other on top of each other."""
+        """Mean and range of the series of all days over time, as a matplotlib ``Figure``."""
         return draw(self)
 
     def assign(
