@@ -1,8 +1,6 @@
 """What is refused: the sentences of an ``InputError``."""
 
-import tomllib
 from collections.abc import Callable, Iterable
-from functools import cache
 from typing import Any
 
 import pytest
@@ -34,17 +32,3 @@ def assert_only_problem(words: Iterable[str], function: Callable[..., Any], *arg
 def refusal(function: Callable[..., Any], *args: Any, **options: Any) -> str:
     """All sentences with which a call is refused, a line each."""
     return "\n".join(problems(function, *args, **options))
-
-
-@cache
-def _validator() -> Any:
-    from jsonschema import Draft202012Validator
-
-    from fastcoil.study.file.schema import study_schema
-
-    return Draft202012Validator(study_schema())
-
-
-def seen_by_schema(text: str) -> list[str]:
-    """What the JSON Schema finds wrong in a study file."""
-    return [error.message for error in _validator().iter_errors(tomllib.loads(text))]

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.base.errors import InputError, collecting, nearest, shown
-from fastcoil.design.measures import COUNTED, MARGIN, MEAN, NO_GOALS, NOW
+from fastcoil.design.measures import COUNTED, MARGIN, NO_GOALS
 from fastcoil.design.tuning_plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.metric_table import TRACES, WARM_UP
@@ -77,12 +77,6 @@ def whole(low: int, high: int | None, description: str = "") -> Schema:
     return {"type": "integer", **limits} | ({"description": description} if description else {})
 
 
-def list_of(items: Iterable[Schema]) -> Schema:
-    """Schema of a list of exactly these items."""
-    items = list(items)
-    return {"type": "array", "prefixItems": items, "items": False, "minItems": len(items)}
-
-
 def _price(name: str) -> Any:
     meaning, example = PRICES[name]
     return _field(..., minimum=0, maximum=DEAREST, description=meaning, examples=[example])
@@ -92,19 +86,12 @@ def _field(default: Any, most: int | None = None, **schema: Any) -> Any:
     return Field(default, max_length=most, json_schema_extra=schema)
 
 
-_SHARE: Schema = {"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1}, {"const": MEAN}]}
-_MOST: Schema = {"anyOf": [{"type": "number"}, {"const": NOW}]}
-_LIMIT: Schema = {"anyOf": [*_MOST["anyOf"], list_of([_MOST, _SHARE])]}
-
-
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class RunTable(_Strict):
     """How to run, not what."""
-
-    model_config = ConfigDict(json_schema_extra={"dependentRequired": {"reduce": ["traces"]}})
 
     warm_up: int = _field(WARM_UP, **whole(*RUN_LIMITS["warm_up"]))
     seed: int = _field(0, **whole(*RUN_LIMITS["seed"]))
@@ -126,10 +113,10 @@ class TuneTable(_Strict):
         examples=["{ kp = [0.005, 0.1], ti = [5, 600] }"],
     )
     objective: str = _field(OBJECTIVE, enum=[name for name in COUNTED if name not in NO_GOALS])
-    quantile: float | str = _field(QUANTILE, description="share of valves and days whose value counts", **_SHARE)
+    quantile: float | str = _field(QUANTILE, description="share of valves and days whose value counts")
     limits: dict[str, Any] = _field(
         {},
-        properties=dict.fromkeys((*COUNTED, MARGIN), _LIMIT),
+        properties=dict.fromkeys((*COUNTED, MARGIN), {}),
         additionalProperties=False,
         description="upper limits by metric",
     )
