@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit, exists, is_folder, may_be_file
+from fastcoil.base.files import exists, is_folder, may_be_file
 from fastcoil.cli.arguments import PATH, all_labels_of
 from fastcoil.cli.terminal import announce_compilation, say
 from fastcoil.model.metric_table import STATUS_NOT_RUN
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 OPTION = "--report"
 
@@ -99,20 +95,18 @@ def archive(folder: Path, out: Path | None) -> None:
 @click.command()
 @click.argument("path", type=PATH)
 @click.option("--language", help="Language of the controller: c, st or python.  [default: c]")
-@click.option("--csv", "formats", flag_value="csv", multiple=True, help="A row for each scenario-day.")
-@click.option("--parquet", "formats", flag_value="parquet", multiple=True, help="The same as Parquet; needs pyarrow.")
-@click.option("--latex", "formats", flag_value="latex", multiple=True, help="A row for each label, with medians.")
+@click.option("--csv", is_flag=True, help="A row for each scenario-day.")
+@click.option("--parquet", is_flag=True, help="The same as Parquet; needs pyarrow.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
-@click.option("--by", multiple=True, metavar="NAME", help="Drawn parameter whose groups are rows of a LaTeX table.")
 @click.option("-o", "--out", type=PATH, metavar="FILE", help="File to write; NAME with its suffix here by default.")
 def export(
     path: Path,
     language: str | None,
-    formats: tuple[str, ...],
+    csv: bool,
+    parquet: bool,
     metrics: tuple[str, ...],
     at: tuple[str, ...],
-    by: tuple[str, ...],
     out: Path | None,
 ) -> None:
     """Export results as a table, or the controller of a TOML file as source code.
@@ -123,11 +117,10 @@ def export(
       fastcoil export controller.toml --language c      controller.c, controller_vectors.csv
       fastcoil export controller.toml --language st     a function block of IEC 61131-3
       fastcoil export results/study --csv               study.csv, a row for each scenario-day
-      fastcoil export results/study --latex --at day=1  study.tex, a table of medians
     """  # noqa: D301 — click reads the backspace
     if path.suffix == ".toml" and not is_folder(path):
-        tables = [f"--{each}" for each in formats]
-        tables += [option for option, given in (("--metric", metrics), ("--at", at), ("--by", by)) if given]
+        options = {"--csv": csv, "--parquet": parquet, "--metric": metrics, "--at": at}
+        tables = [option for option, given in options.items() if given]
         if tables:
             raise InputError(
                 f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: give the folder of a study"
@@ -138,7 +131,9 @@ def export(
             raise InputError(
                 f"--language: for the controller of a TOML file, and {path} is none: leave it out, or give one"
             )
-        export_table(path, formats, metrics, at, by, out)
+        if csv == parquet:
+            raise InputError("give one of --csv and --parquet, or a TOML file whose controller is exported")
+        export_table(path, "csv" if csv else "parquet", metrics, at, out)
 
 
 def export_code(path: Path, language: str | None, out: Path | None) -> None:
@@ -156,28 +151,17 @@ def export_code(path: Path, language: str | None, out: Path | None) -> None:
         say(f"Written: {written}")
 
 
-SUFFIXES = {"csv": ".csv", "latex": ".tex", "parquet": ".parquet"}
 _SAID_WITHIN = 2**16  # bytes searched for the version at the start of a text file and at the end of a Parquet file
 
 
-def export_table(
-    path: Path,
-    formats: Sequence[str],
-    metrics: tuple[str, ...],
-    at: Sequence[str],
-    by: tuple[str, ...],
-    out: Path | None,
-) -> None:
-    """Write the results at ``path``, the folder of a study or a NetCDF file, as a table.
-
-    by: sampled parameters whose groups are the rows of a LaTeX table.
-    """
-    from fastcoil.deliver.tables import check_metrics
-    from fastcoil.study.analysis.selected import binned, in_words, selected
+def export_table(path: Path, format: str, metrics: tuple[str, ...], at: Sequence[str], out: Path | None) -> None:
+    """Write the results at ``path``, the folder of a study or a NetCDF file, as a table."""
+    from fastcoil.deliver.tables import Tidy, check_metrics, write_csv, write_parquet
+    from fastcoil.study.analysis.selected import in_words, selected
     from fastcoil.study.folder.results import open_results
 
-    format, labels = _format(formats, by), all_labels_of("--at", at)
-    target = _target(path, format, out)
+    labels = all_labels_of("--at", at)
+    target = _target(path, f".{format}", out)
     ds = open_results(path)
     with checking() as check:
         check(check_metrics, ds, metrics)
@@ -187,12 +171,14 @@ def export_table(
     left = int((part["status"].values == STATUS_NOT_RUN).sum())
     if left:
         say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run (status not_run).", err=True)
-    say(f"Written: {target} ({_write(format, binned(part, by) if by else part, target, metrics)})")
+    table = Tidy(part, metrics)
+    (write_csv if format == "csv" else write_parquet)(table, target)
+    rows = f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}"
+    say(f"Written: {target} ({rows}, {len(table.columns)} columns)")
 
 
-def _target(path: Path, format: str, out: Path | None) -> Path:
+def _target(path: Path, suffix: str, out: Path | None) -> Path:
     """The file to write: ``out``, or a default name in the folder ``out`` or the current one."""
-    suffix = SUFFIXES[format]
     if out is None or is_folder(out):
         name = path.resolve().name
         target = (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
@@ -213,30 +199,3 @@ def _is_table_of_ours(path: Path) -> bool:
             return b"fastcoil_version" in head + file.read()
     except OSError:
         return False
-
-
-def _format(formats: Sequence[str], by: Sequence[str]) -> str:
-    """The only format given."""
-    if len(formats) != 1:
-        given = " and ".join(f"--{format}" for format in formats)
-        raise InputError(
-            f"{given + ' are given' if given else 'no format is given'}: give one of --csv, --latex, --parquet"
-        )
-    (format,) = formats
-    if by and format != "latex":
-        raise InputError(
-            f"--by groups the rows of a LaTeX table; --{format} has {' and '.join(by)} as a column: leave it out"
-        )
-    return format
-
-
-def _write(format: str, ds: xr.Dataset, target: Path, metrics: tuple[str, ...]) -> str:
-    """Write the file; return a description of its content."""
-    from fastcoil.deliver.tables import Tidy, latex_of, write_csv, write_parquet
-
-    if format == "latex":
-        commit(target, latex_of(ds, metrics).encode())
-        return "medians and their scatter; a comment in the file says over what"
-    table = Tidy(ds, metrics)
-    (write_csv if format == "csv" else write_parquet)(table, target)
-    return f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}, {len(table.columns)} columns"

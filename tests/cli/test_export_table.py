@@ -45,7 +45,7 @@ def export(tmp_path, monkeypatch):
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("format", ["csv", "latex", "parquet"])
+@pytest.mark.parametrize("format", ["csv", "parquet"])
 def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, export, tmp_path, format):
     words = (folder, f"--{format}", "--metric", "rmse")
     for _ in range(2):
@@ -74,33 +74,26 @@ def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, export
 
 
 @pytest.mark.kernel
-def test_parquet_and_latex_have_what_is_asked_for(folder, export, tmp_path):
+def test_a_table_has_what_is_asked_for(folder, export, tmp_path):
     result = export(folder, "--parquet", "--metric", "rmse", "--at", "day=2", "-o", tmp_path / "part.parquet")
     assert result.exit_code == 0, result.output
     part = pd.read_parquet(tmp_path / "part.parquet")
     assert list(part) == ["estimate_ratio", "sample", "kp", "day", "rmse", "status"]
     np.testing.assert_array_equal(part.rmse, fc.open_study(folder).rmse.sel(day=2).values.ravel())
-    assert export(folder, "--latex", "--by", "kp", "--metric", "rmse", "-o", tmp_path).exit_code == 0
-    text = (tmp_path / "small.tex").read_text()
-    assert text.count(r" \\") == 1 + 2 * 6
-    assert "% title: study" in text
-    assert "samples in each of 6 groups of proportional gain Kp" in text
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ((), "no format is given: give one of --csv, --latex, --parquet"),
-        (("--csv", "--latex"), "--csv and --latex are given: give one of --csv, --latex, --parquet"),
-        (("--csv", "--by", "kp"), "--by groups the rows of a LaTeX table; --csv has kp as a column: leave it out"),
+        ((), "give one of --csv and --parquet, or a TOML file whose controller is exported"),
+        (("--csv", "--parquet"), "give one of --csv and --parquet"),
         (
             ("--csv", "-o", "results.nc"),
             "-o results.nc: give a file NAME.csv in a folder that exists, or such a folder",
         ),
         (("--csv", "--at", "day=3"), "--at day=3: choose one of 1, 2"),
         (("--csv", "--metric", "rmsee"), "--metric 'rmsee' is not in this result, did you mean 'rmse'?"),
-        (("--latex", "--by", "ti"), "ti is no drawn parameter: drawn are kp"),
         (("--csv", "--language", "c"), "--language: for the controller of a TOML file, and "),
     ],
 )
@@ -148,7 +141,7 @@ def test_an_unfinished_study_says_how_much_is_missing(export, tmp_path, broken_o
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("format", ["csv", "parquet", "latex"])
+@pytest.mark.parametrize("format", ["csv", "parquet"])
 def test_a_million_rows_need_less_than_a_gibibyte(tmp_path, format):
     ds = drawn(500_000)
     for k in range(28):

@@ -11,7 +11,6 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.base.text import NONE
 from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
-from fastcoil.deliver.tables import escaped
 from fastcoil.loops.labels import quantity_of, sizes_in_words
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
@@ -167,7 +166,7 @@ def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
         ),
     ]  # fmt: skip
     if results is not None:
-        title = escaped(" ".join(str(results["title"]).split()))
+        title = " ".join(str(results["title"]).split()).translate(_SPECIAL)
         entries.append(
             _entry(
                 "misc", f"results{results['content_sha256'][:8]}",
@@ -180,6 +179,13 @@ def bibtex(results: Mapping[str, Any] | None = None) -> list[str]:
 
 def _version(results: Mapping[str, Any] | None) -> str:
     return VERSION if results is None else str(results.get("fastcoil_version", "unknown"))
+
+
+_SPECIAL = str.maketrans({
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    **{letter: f"\\{letter}" for letter in "{}$&#_%"},
+})  # fmt: skip
+"""What TeX would read as a command."""
 
 
 def _entry(kind: str, key: str, **fields: str) -> list[str]:

@@ -99,7 +99,7 @@ def _choices(ds: xr.Dataset, name: str, text: str) -> str:
     if labels.size > _MOST_LABELS and name != dim:
         return (
             f"{name} has a value of its own at each {dim}, none to choose from: take --at {dim}=…, or group its values "
-            f"with -x {name} of plot, or --by {name} of export --latex"
+            f"with -x {name} of plot"
         )
     if labels.size > _MOST_LABELS and labels.dtype.kind in "if":
         with suppress(ValueError):  # a word
