@@ -7,8 +7,8 @@ time of day may have a column each.
 
 import re
 import zoneinfo
-from collections.abc import Sequence
-from datetime import datetime, timedelta
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta, timezone
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,17 +16,13 @@ import numpy as np
 from fastcoil.base.arguments import text_of
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, shown
-from fastcoil.logs.series import counted
 
 MOST_LETTERS = 64
 """Of a cell that can be a time or a number."""
 MICROSECONDS = np.dtype("datetime64[us]")
-_SECOND, _MINUTE, _DAY = 1_000_000, 60_000_000, 86_400_000_000  # µs
+_SECOND, _MINUTE = 1_000_000, 60_000_000  # µs
 SERIAL, EPOCH = "excel", "epoch"
 """Formats that are numbers."""
-_DAYS = (20_000.0, 80_000.0)  # serial days of a spreadsheet from 1954 to 2119; 25,569 is 1970-01-01
-_SERIAL_OF_1970 = 25_569
-_SECONDS = (1e8, 1e10)  # epoch seconds from 1973 to 2286; milliseconds are a thousand times as many
 _EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
 _LONGEST_FORMAT = 100
 
@@ -79,6 +75,36 @@ def time_format_of(name: str, value: Any) -> str:
     return text
 
 
+class _Kind(NamedTuple):
+    """Numbers that are times, ``least`` to ``most``: 1 is so many ticks of so many µs; ``of_1970`` is 1970-01-01."""
+
+    what: str
+    least: float
+    most: float
+    of_1970: float
+    ticks: float
+    tick: int
+    time_zone: str
+
+
+_NUMBERS = {
+    SERIAL: [_Kind("serial days of a spreadsheet", 20_000.0, 80_000.0, 25_569.0, 86400.0, _SECOND, "")],
+    EPOCH: [
+        _Kind("seconds since 1970 (UTC)", 1e8, 1e10, 0.0, 1e6, 1, "UTC"),
+        _Kind("milliseconds since 1970 (UTC)", 1e11, 1e13, 0.0, 1e3, 1, "UTC"),
+    ],
+}
+"""Serial days from 1954 to 2119, to the second, as their decimals have round-off; epoch from 1973 to 2286."""
+
+
+def _of_numbers(numbers: Array, kind: _Kind) -> Stamps:
+    with np.errstate(invalid="ignore"):
+        good = (numbers >= kind.least) & (numbers <= kind.most)
+    ticks = np.rint(kind.ticks * (np.where(good, numbers, kind.of_1970) - kind.of_1970)).astype(np.int64)
+    wrong = f"is none of the {kind.what}, {kind.least:g} to {kind.most:g}"
+    return Stamps(kind.tick * ticks, good, bool(kind.time_zone), wrong, [], kind.time_zone)
+
+
 def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Stamps:
     """The times of the cells of a column.
 
@@ -91,29 +117,31 @@ def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: s
     cure
         How to give a format, with ``{format}`` in it, for messages.
     """
-    if time_format in (SERIAL, EPOCH):
+    if time_format in _NUMBERS:
         numbers = np.array([_number(cell) for cell in cells])
-        return _serial(numbers, "") if time_format == SERIAL else _epoch(numbers, "")
+        return max((_of_numbers(numbers, kind) for kind in _NUMBERS[time_format]), key=lambda found: found.good.sum())
+    no_zones = [""] * len(cells)
     if time_format is not None:
         times = [_by_pattern(cell, time_format) for cell in cells]
-        return _of_datetimes(times, row_numbers, f"is not as {time_format!r} says: mend it or time_format")
+        wrong = f"is not as {time_format!r} says: mend it or time_format"
+        return _on_clock(times, no_zones, row_numbers, wrong, [])
     times = [timestamp_of(cell) for cell in cells]
     n_iso = sum(time is not None for time in times)
-    how_to_say = cure.format(format="%d/%m/%Y %H:%M")
-    iso = f"is not ISO 8601: write it as 2024-07-01T08:00:00, or say how to read it: {how_to_say}"
-    if 2 * n_iso >= len(times):
-        return _of_datetimes(times, row_numbers, iso)
-    numbers = np.array([_number(cell) for cell in cells])
-    for (low, high), read in ((_DAYS, _serial), (_SECONDS, _epoch), ((1e3 * _SECONDS[0], 1e3 * _SECONDS[1]), _epoch)):
-        with np.errstate(invalid="ignore"):
-            fits = (numbers >= low) & (numbers <= high)
-        if 2 * fits.sum() > numbers.size:
-            return read(numbers, cells[int(np.argmax(fits))].strip())
-    parts = [parts_of(cell) for cell in cells]
-    n_parts = sum(one is not None for one in parts)
-    if 2 * n_parts < len(parts) or n_parts < n_iso:
-        return _of_datetimes(times, row_numbers, iso)
-    return _of_parts(parts, row_numbers, f"is not as the others: mend it, or say how to read them: {how_to_say}", cure)
+    say_how = f"say how to read it: {cure.format(format='%d/%m/%Y %H:%M')}"
+    if 2 * n_iso < len(times):
+        numbers = np.array([_number(cell) for cell in cells])
+        for kind in (*_NUMBERS[SERIAL], *_NUMBERS[EPOCH]):
+            found = _of_numbers(numbers, kind)
+            if 2 * found.good.sum() > numbers.size:
+                example = shown(cells[int(np.argmax(found.good))].strip())
+                return found._replace(notes=[f"timestamp read as {kind.what}: {example} is {found.first()[0]}"])
+        parts = [parts_of(cell) for cell in cells]
+        n_parts = sum(one is not None for one in parts)
+        if 2 * n_parts >= len(parts) and n_parts >= n_iso:
+            return _of_parts(parts, row_numbers, f"is not as the others: mend it, or {say_how}", cure)
+    return _on_clock(
+        times, no_zones, row_numbers, f"is not ISO 8601: write it as 2024-07-01T08:00:00, or {say_how}", []
+    )
 
 
 _DIGITS_OF_TIME = re.compile(r"(?:19|20)[0-9]{2}(?:0[1-9]|1[0-2])[0-3][0-9][0-2][0-9](?:[0-5][0-9]){0,2}")
@@ -135,9 +163,6 @@ def is_time(cell: str) -> bool:
     return timestamp_of(cell) is not None or parts_of(cell) is not None
 
 
-_CLOCK = re.compile(r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?\s*(?:[AaPp]\.?[Mm]\.?)?(?:\s?[A-Za-z+:\d-]{1,9})?")
-
-
 def is_date(cell: str) -> bool:
     """Whether a cell holds a date without a time of day."""
     return is_time(cell) and ":" not in cell
@@ -145,7 +170,7 @@ def is_date(cell: str) -> bool:
 
 def is_clock(cell: str) -> bool:
     """Whether a cell holds a time of day without a date."""
-    return _CLOCK.fullmatch(cell.strip()) is not None
+    return ":" in cell and parts_of(f"2024-07-01 {cell.strip()}") is not None
 
 
 def _by_pattern(cell: str, pattern: str) -> datetime | None:
@@ -155,43 +180,11 @@ def _by_pattern(cell: str, pattern: str) -> datetime | None:
         return None
 
 
-# ------------------------------------------------------------------------------------------------- numbers as times
-
-
 def _number(cell: str) -> float:
     try:
         return float(cell.replace(",", ".")) if len(cell) <= MOST_LETTERS and "_" not in cell else np.nan
     except ValueError:
         return np.nan
-
-
-def _serial(numbers: Array, example: str) -> Stamps:
-    """Serial days of a spreadsheet, to the second: their decimals have round-off."""
-    with np.errstate(invalid="ignore"):
-        good = (numbers >= _DAYS[0]) & (numbers <= _DAYS[1])
-    seconds = np.rint(86400.0 * (np.where(good, numbers, _SERIAL_OF_1970) - _SERIAL_OF_1970)).astype(np.int64)
-    wrong = f"is no serial day of a spreadsheet: these are from {_DAYS[0]:g} to {_DAYS[1]:g}"
-    return Stamps(_SECOND * seconds, good, False, wrong, _read_as("serial days of a spreadsheet", example, seconds))
-
-
-def _epoch(numbers: Array, example: str) -> Stamps:
-    """Seconds or milliseconds since 1970-01-01 in UTC."""
-    finite = numbers[np.isfinite(numbers)]
-    thousandths = bool(finite.size) and float(np.median(finite)) > _SECONDS[1]
-    scale = 1e3 if thousandths else 1.0
-    with np.errstate(invalid="ignore"):
-        good = (numbers >= scale * _SECONDS[0]) & (numbers <= scale * _SECONDS[1])
-    microseconds = np.rint(np.where(good, numbers, 0.0) * (1e6 / scale)).astype(np.int64)
-    what = f"{'milliseconds' if thousandths else 'seconds'} since 1970 (UTC)"
-    notes = _read_as(what, example, microseconds // _SECOND)
-    return Stamps(microseconds, good, True, f"is not {what}", notes, "UTC")
-
-
-def _read_as(what: str, example: str, seconds: Index) -> list[str]:
-    if not example:
-        return []
-    first = np.datetime_as_string((_SECOND * seconds[:1]).astype(MICROSECONDS), unit="s")[0]
-    return [f"timestamp read as {what}: {shown(example)} is {first}"]
 
 
 # ------------------------------------------------------------------------------------------------- clocks and zones
@@ -219,46 +212,44 @@ def in_zone(stamps: Stamps, time_zone: str) -> Stamps:
     )
 
 
-def _of_datetimes(times: Sequence[datetime | None], row_numbers: Sequence[int], wrong: str) -> Stamps:
+def _on_clock(
+    times: Sequence[datetime | None], zones: Sequence[str], row_numbers: Sequence[int], wrong: str, notes: list[str]
+) -> Stamps:
+    """Times by the clock that wrote them, absolute if each has an offset or the name of a zone that is known."""
     good = np.array([time is not None for time in times])
     local = np.array([(time or _EXAMPLE).replace(tzinfo=None) for time in times], dtype=MICROSECONDS).astype(np.int64)
-    since_utc = [time.utcoffset() if time else None for time in times]
-    offsets = [None if one is None else one // timedelta(microseconds=1) for one in since_utc]
-    return _on_clock(local, good, offsets, [""] * len(times), row_numbers, wrong, [])
-
-
-def _on_clock(
-    local: Index, good: Mask, offsets: list[int | None], zones: list[str], row_numbers: Sequence[int],
-    wrong: str, notes: list[str],
-) -> Stamps:  # fmt: skip
-    """Times by the clock that wrote them, absolute if each has an offset [µs] or the name of a zone that is known."""
     known = np.flatnonzero(good).tolist()
     names = {zones[k] for k in known} - {""}
     unclear = {name for name, other in _OF_SEVERAL_PLACES.items() if other not in names}
-    for name in names - unclear:
-        named = round(60 * _MINUTE * _NAMED[name]) if name in _NAMED else None
-        offsets = [named if zones[k] == name else offset for k, offset in enumerate(offsets)]
-    clocks = [(zones[k] if offsets[k] is None else "absolute") for k in known]
+    hours = {name: _NAMED[name] for name in names - unclear if name in _NAMED}
+    offsets: dict[int, int] = {}
+    for k, time in enumerate(times):
+        since_utc = time.utcoffset() if time else None
+        if zones[k] in hours:
+            since_utc = timedelta(hours=hours[zones[k]])
+        if since_utc is not None:
+            offsets[k] = since_utc // timedelta(microseconds=1)
+    clocks = ["absolute" if k in offsets else zones[k] for k in known]
     unlike = next((k for k, clock in zip(known, clocks, strict=True) if clock != clocks[0]), None)
     if unlike is not None:
         raise InputError(
             f"timestamp in row {row_numbers[unlike]} has another time zone than the first, or one of them has none: "
             "write one time zone, with or without UTC offset"
         )
-    if not known or offsets[known[0]] is None:
+    if not known or known[0] not in offsets:
         name = clocks[0].upper() if known else ""
         if name:
             notes.append(f"timestamp is in {name} throughout: its times are read as they stand")
         return Stamps(local, good, False, wrong, notes, name)
-    ahead = np.array([offset or 0 for offset in offsets], dtype=np.int64)
-    first = int(ahead[known[0]])
-    changed = next((k for k in known if ahead[k] != first), None)
+    first = offsets[known[0]]
+    changed = next((k for k in known if offsets[k] != first), None)
     if names:
         notes.append(f"timestamp is in {' and '.join(sorted(name.upper() for name in names))}: read by UTC offset")
+    elif changed is not None:
+        notes.append(f"timestamp has another UTC offset from row {row_numbers[changed]} on: read in UTC")
+    ahead = np.array([offsets.get(k, 0) for k in range(len(times))], dtype=np.int64)
     if changed is None:
         return Stamps(local - first, good, True, wrong, notes, offset_text(first // _MINUTE), first)
-    if not names:
-        notes.append(f"timestamp has another UTC offset from row {row_numbers[changed]} on: read in UTC")
     return Stamps(local - ahead, good, True, wrong, notes, "UTC")
 
 
@@ -279,17 +270,28 @@ _UNEVEN = 5.0  # the order of day and month that makes a log this much longer th
 class Parts(NamedTuple):
     """A time as it is written, before the order of day and month is known.
 
-    date: its three numbers.  month: index of the one that is a name, -1 if none is.  clock: time of day [µs].  half:
-    whether AM or PM is written.  offset: from UTC [µs]; None if there is none.  mark: between the numbers.
+    date: its three numbers.  month: index of the one that is a name, -1 if none is.  clock: time of day.  half: whether
+    AM or PM is written.  offset: from UTC; None if there is none.  zone: its name, blank if there is none.  mark:
+    between the numbers.
     """
 
     date: tuple[int, int, int]
     month: int
-    clock: int
+    clock: timedelta
     half: bool
-    offset: int | None
+    offset: timedelta | None
     zone: str
     mark: str
+
+    def at(self, order: tuple[int, int, int]) -> datetime | None:
+        """The time if year, month and day are in these places; None if there is no such day."""
+        year, month, day = (self.date[place] for place in order)
+        year += 2000 if year < 70 else 1900 if year < 100 else 0
+        try:
+            zone = None if self.offset is None else timezone(self.offset)
+            return datetime(year, month, day, tzinfo=zone) + self.clock if year >= 1900 else None
+        except (ValueError, OverflowError):
+            return None
 
 
 def parts_of(cell: str) -> Parts | None:
@@ -308,93 +310,64 @@ def parts_of(cell: str) -> Parts | None:
     if found["half"]:
         hour = hour % 12 + 12 * (found["half"] in "Pp")
     part = int((found["part"] or "0")[:6].ljust(6, "0"))
-    clock = (3600 * hour + 60 * minute + second) * _SECOND + part
-    offset = _offset(found["offset"]) if found["offset"] else 0 if found["utc"] else None
+    clock = timedelta(hours=hour, minutes=minute, seconds=second, microseconds=part)
+    offset = timedelta(0) if found["utc"] else None
+    if text := found["offset"]:
+        digits = text[1:].replace(":", "")
+        offset = timedelta(hours=int(digits[:2]), minutes=int(digits[2:] or 0)) * (-1 if text[0] == "-" else 1)
     zone = "" if found["offset"] else (found["zone"] or "").lower()
     return Parts((a, b, c), named[0] if named else -1, clock, bool(found["half"]), offset, zone, found["mark"])
 
 
-def _offset(text: str) -> int:
-    sign, digits = (-1 if text[0] == "-" else 1), text[1:].replace(":", "")
-    return sign * (60 * int(digits[:2]) + int(digits[2:] or 0)) * _MINUTE
+_DAY_FIRST, _MONTH_FIRST = (2, 1, 0), (2, 0, 1)
+"""Where year, month and day are."""
 
 
 def _of_parts(parts: Sequence[Parts | None], row_numbers: Sequence[int], wrong: str, cure: str) -> Stamps:
     """The times of a column of ``parts``; None is a cell that is no time.  cure: as of `read_stamps`."""
-    good = np.array([one is not None for one in parts])
-    some = [one for one in parts if one is not None]
-    rows = [number for number, is_good in zip(row_numbers, good, strict=True) if is_good]
+    known = {row: one for row, one in zip(row_numbers, parts, strict=True) if one is not None}
     notes: list[str] = []
-    a, b, c = np.array([one.date for one in some], dtype=np.int64).T
-    clock = np.array([one.clock for one in some], dtype=np.int64)
-    halves = np.array([one.half for one in some])
-    named = {one.month for one in some}
-    if (a > 999).all():
-        day, valid = _days(a, b, c)
-    elif named == {0}:
-        day, valid = _days(c, a, b)
-    elif named == {1}:
-        day, valid = _days(c, b, a)
+    named = {one.month for one in known.values()}
+    if all(one.date[0] > 999 for one in known.values()):
+        order = (0, 1, 2)
+    elif named in ({0}, {1}):
+        order = _MONTH_FIRST if named == {0} else _DAY_FIRST
     else:
-        first = _day_is_first(a, b, c, clock, rows, all(one.mark == "." for one in some), cure, notes)
-        day, valid = _days(c, b, a) if first else _days(c, a, b)
-    local = np.zeros(len(parts), dtype=np.int64)
-    local[good] = _DAY * day + clock
-    good[good] = valid & (halves | ~halves.any())  # a time without AM or PM among others is none
-    offsets, zones = [one and one.offset for one in parts], [one.zone if one else "" for one in parts]
-    return _on_clock(local, good, offsets, zones, row_numbers, wrong, notes)
+        order = _order_of(known, cure, notes)
+    by_halves = any(one.half for one in known.values())  # a time without AM or PM among others is none
+    times = [one.at(order) if one and one.half == by_halves else None for one in parts]
+    return _on_clock(times, [one.zone if one else "" for one in parts], row_numbers, wrong, notes)
 
 
-def _days(year: Index, month: Index, day: Index) -> tuple[Index, Mask]:
-    """Days since 1970, and where there is such a day; years of two digits are from 1970 to 2069."""
-    year = np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
-    valid = (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31) & (year >= 1900)
-    months = np.where(valid, 12 * (year - 1970) + month - 1, 0).astype("datetime64[M]")
-    days = months.astype("datetime64[D]") + (np.where(valid, day, 1) - 1).astype("timedelta64[D]")
-    return days.astype(np.int64), valid & (days.astype("datetime64[M]") == months)
-
-
-def _day_is_first(
-    a: Index, b: Index, c: Index, clock: Index, rows: Sequence[int], dotted: bool, cure: str, notes: list[str]
-) -> bool:
-    """Whether the day is written before the month: from numbers above 12, or from the order in which time goes on."""
-    large_a, large_b = a > 12, b > 12
-    if large_a.any() and large_b.any():
-        i, j = rows[int(np.argmax(large_a))], rows[int(np.argmax(large_b))]
+def _order_of(parts: Mapping[int, Parts], cure: str, notes: list[str]) -> tuple[int, int, int]:
+    """The order of day and month in times by row: from numbers above 12, or from the order in which time goes on."""
+    day_first, month_first = (next((row for row, one in parts.items() if one.date[k] > 12), None) for k in (0, 1))
+    if day_first is not None and month_first is not None:
         raise InputError(
-            f"timestamp has the day before the month in row {i} and after it in row {j}: write one order, "
-            "such as 2024-07-01T08:00:00"
+            f"timestamp has the day before the month in row {day_first} and after it in row {month_first}: write one "
+            "order, such as 2024-07-01T08:00:00"
         )
-    if large_a.any() or large_b.any():
-        which, much = ("first", large_a) if large_a.any() else ("second", large_b)
-        notes.append(f"timestamp read as {_words(bool(large_a.any()), dotted)}: the {which} number exceeds 12 in "
-                     f"{counted(much, 'row')}")  # fmt: skip
-        return bool(large_a.any())
-    if dotted:
-        notes.append(f"timestamp read as {_words(True, True)}, the order that goes with points")
-        return True
-    ways = [_DAY * _days(c, *order)[0] + clock for order in ((b, a), (a, b))]
-    if np.ptp(ways[0] - ways[1]) == 0:
-        notes.append("timestamp: the order of day and month cannot be told, and makes no difference within this log")
-        return True
-    (day_length, _), (month_length, _) = lengths = [_length_and_unevenness(way) for way in ways]
-    day_first = day_length < month_length
-    length, uneven = lengths[day_first]  # of the other order
-    if uneven and length > _UNEVEN * min(day_length, month_length):
-        notes.append(f"timestamp read as {_words(day_first, dotted)}: in the other order time would jump")
-        return day_first
-    raise InputError(
-        "timestamp: no number shows whether the day or the month comes first: say it with "
-        f"{cure.format(format='%d/%m/%Y %H:%M')} or '%m/%d/%Y %H:%M'"
-    )
-
-
-def _words(day_first: bool, dotted: bool) -> str:
-    return ("dd.mm.yyyy" if day_first else "mm.dd.yyyy") if dotted else "dd/mm/yyyy" if day_first else "mm/dd/yyyy"
-
-
-def _length_and_unevenness(times: Index) -> tuple[float, bool]:
-    """Length of the way that time goes, µs, and whether one of its steps is far longer than the others."""
-    steps = np.abs(np.diff(times)).astype(np.float64)
-    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    return float(steps.sum()), bool(steps.size and steps.max() > _UNEVEN * usual)
+    times = [[one.at(order) for one in parts.values()] for order in (_DAY_FIRST, _MONTH_FIRST)]
+    ways = [np.diff(np.array([time.replace(tzinfo=None) for time in way if time], dtype=MICROSECONDS)) for way in times]
+    steps = [np.abs(way.astype(float)) for way in ways]
+    shorter, longer = sorted(steps, key=np.sum)
+    dotted = all(one.mark == "." for one in parts.values())
+    order = _DAY_FIRST
+    if day_first is not None or month_first is not None:
+        order = _MONTH_FIRST if day_first is None else _DAY_FIRST
+        why = f"a number exceeds 12 in row {month_first if day_first is None else day_first}"
+    elif dotted:
+        why = "the order that goes with points"
+    elif np.array_equal(ways[0], ways[1]):
+        why = "the order cannot be told, and makes no difference within this log"
+    elif longer.sum() > _UNEVEN * shorter.sum() and longer.max() > _UNEVEN * np.median(longer[longer > 0.0]):
+        order = _DAY_FIRST if shorter is steps[0] else _MONTH_FIRST
+        why = "in the other order time would jump"
+    else:
+        raise InputError(
+            "timestamp: no number shows whether the day or the month comes first: say it with "
+            f"{cure.format(format='%d/%m/%Y %H:%M')} or '%m/%d/%Y %H:%M'"
+        )
+    words = ("dd", "mm", "yyyy") if order == _DAY_FIRST else ("mm", "dd", "yyyy")
+    notes.append(f"timestamp read as {('.' if dotted else '/').join(words)}: {why}")
+    return order

@@ -20,7 +20,7 @@ def test_files_are_joined_and_how_is_said(tmp_path, monkeypatch):
     assert (
         (tmp_path / "log.csv").read_text().startswith("timestamp,command [1],T_sup [degC]\n2024-07-10T00:00:00,0.1,10")
     )
-    assert "command.csv: timestamp read as dd/mm/yyyy: the first number exceeds 12" in done.output
+    assert "command.csv: timestamp read as dd/mm/yyyy: a number exceeds 12 in row" in done.output
     assert "Joined:  log.csv" in done.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["SAT.csv", "command.csv", "log.csv"]
 
