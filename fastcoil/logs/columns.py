@@ -1,10 +1,8 @@
 """How a log is to be read, and which of its columns holds which series, in which unit, with which status."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +11,7 @@ from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_num
 from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.logs.cells import GOOD
-from fastcoil.logs.series import COLUMNS, TEMPERATURE, TIMES, Series, counted, first_row
+from fastcoil.logs.series import COLUMNS, TIMES, Series, counted, first_row
 from fastcoil.logs.table import STATUS, TIME_HEADERS, Table, label_and_unit
 from fastcoil.logs.timestamps import is_time, time_format_of
 from fastcoil.model.parameter_table import Parameter
@@ -127,22 +125,16 @@ def log_of(name: str, source: Any) -> Any:
     return path_of(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
 
 
-_BAD = frozenset(
-    ("fault", "down", "stale", "bad", "uncertain", "invalid", "error", "failed", "null", "disabled", "offline", "alarm",
-     "unreliable", "fail", "faulted")
-)  # fmt: skip
-_BLANK = ""
 _ROWS = 1000  # rows in which some status is good, or the column is none of status
 
 
 def status_columns(table: Table) -> list[int]:
-    """Indices of the columns of status: by their name, and by what is in them."""
+    """Indices of the columns of status: by their name, and since some row in them is good."""
     return [
         k
         for k, header in enumerate(table.header)
         if label_and_unit(header)[0].strip().lower() in STATUS
         and any(row[k].strip().lower() in GOOD for row in table.rows[:_ROWS])
-        and all(_is_status(row[k]) for row in table.rows[:_ROWS])
     ]
 
 
@@ -154,7 +146,7 @@ def marked_by_status(table: Table, columns: Mapping[str, int]) -> dict[str, Mask
     found = [k for k in status_columns(table) if k not in columns.values()]
     marked: dict[str, Mask] = {}
     for k in found:
-        bad = np.array([row[k].strip().lower() not in (*GOOD, _BLANK) for row in table.rows])
+        bad = np.array([row[k].strip().lower() not in (*GOOD, "") for row in table.rows])
         names = [
             name
             for name, column in columns.items()
@@ -167,16 +159,8 @@ def marked_by_status(table: Table, columns: Mapping[str, int]) -> dict[str, Mask
     return marked
 
 
-def _is_status(cell: str) -> bool:
-    word = cell.strip().lower()
-    return word in GOOD or word in _BAD or word == _BLANK or (word[:1] == "{" and word[-1:] == "}")
-
-
 _OUTPUTS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
 _MOST_NAMED = 3  # A message names this many unknown columns and counts the rest
-_FAR_ABOVE_1, _ROWS_LOOKED_AT = 11.0, 10_000
-_LEAST_OF_F, _MOST_OF_C = 32.0, 45.0  # numbers of °F, and of °C of air at a coil
-_FLOAT = re.compile(r"[0-9]{1,3}(?:\.[0-9]{0,20})?")
 _MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name, which takes a millisecond each
 
 
@@ -236,10 +220,9 @@ def find_unit(
     sources = table.declared_units(column) | {"by its cells": by_cells, "by units": given}
     units = {source: unit for source, unit in sources.items() if unit}
     if not units and not series.needs_no_unit:
-        meant, why = _unit_by_numbers(table, series, column)
-        cure = f"{table.cure_of_unit(column, meant)}, or pass units={{{series.name!r}: {meant!r}}}"
-        cure += f", --unit {series.name}='{meant}'" * has_command
-        table.problems.append(f"{series.name} has no unit{why}: {cure} ({series.known_units})")
+        cure = f"{table.cure_of_unit(column, 'UNIT')}, or pass units={{{series.name!r}: 'UNIT'}}"
+        cure += f", --unit {series.name}='UNIT'" * has_command
+        table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
         return None
     (source, unit), *others = units.items() or [("", "1")]
     with collecting(table.problems):
@@ -249,18 +232,6 @@ def find_unit(
                 raise InputError(f"{series.name} is in {shown(unit)} {source}, in {shown(second)} {other}: drop one")
         return found
     return None
-
-
-def _unit_by_numbers(table: Table, series: Series, column: int) -> tuple[str, str]:
-    """The unit that the numbers of a column suggest, and the end of a sentence that says why."""
-    numbers = [float(row[column]) for row in table.rows[:_ROWS_LOOKED_AT] if _FLOAT.fullmatch(row[column].strip())]
-    if numbers and "%" in series.units and _FAR_ABOVE_1 < max(numbers) <= 100.5:
-        return "%", ", and its values look like percent"
-    if numbers and series.units is TEMPERATURE and median(numbers) >= _LEAST_OF_F:
-        if series.name in ("T_sup", "T_set", "T_a_in") and median(numbers) > _MOST_OF_C:
-            return "degF", ", and its values look like °F"
-        return series.unit, ", and its values may be °C or °F"
-    return series.unit, ""
 
 
 def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) -> dict[str, int]:
@@ -287,37 +258,27 @@ def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) 
             found.setdefault(label, column)
         elif column not in of_status and column not in found.values():
             unknown.append(cell)
-    if how.columns is None:
+    if how.columns is None and unknown:
+        hints = {cell: nearest(label_and_unit(cell)[0], names) for cell in unknown[:_MOST_HINTS]}
+        unknown.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
+        listed = "; ".join(f"{shown(cell)}{hints.get(cell, '')}" for cell in unknown[:_MOST_NAMED])
+        more = f"; and {len(unknown) - _MOST_NAMED} more" if len(unknown) > _MOST_NAMED else ""
         example = wanted.names[0]
         say_which = how.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
-        table.problems += _unknown(unknown, names, f"or say what to read: {say_which}")
+        table.problems.append(
+            f"unknown columns: {listed}{more}: rename or delete them, or say what to read: {say_which}"
+        )
     return found
-
-
-def _unknown(cells: list[str], names: list[str], say_which: str) -> list[str]:
-    """A sentence for each column whose name is nearly ours, and one for all others together."""
-    hints = dict.fromkeys(cells, "") | {cell: nearest(label_and_unit(cell)[0], names) for cell in cells[:_MOST_HINTS]}
-    others = [cell for cell, hint in hints.items() if not hint]
-    one_by_one = [cell for cell in cells if hints[cell] or len(others) == 1]
-    cure = f"rename or delete it, {say_which}"
-    sentences = [f"column {shown(cell)} is unknown{hints[cell]}: {cure}" for cell in one_by_one]
-    if len(others) > 1:
-        more = f" and {len(others) - _MOST_NAMED} more" if len(others) > _MOST_NAMED else ""
-        first = ", ".join(map(shown, others[:_MOST_NAMED]))
-        sentences.append(f"columns {first}{more} are unknown: rename or delete them, {say_which}")
-    return sentences
 
 
 def _missing(choices: tuple[str, ...], how: Reading) -> str:
     """A sentence that none of these columns exists, with every way to give one."""
-    name, series = choices[0], COLUMNS[choices[0]]
-    which = " or ".join((", ".join(choices[:-1]), choices[-1])) if len(choices) > 1 else name
-    text = f"{which} is missing: add a column '{name} [{series.unit}]', or say which one it is: "
-    text += how.column_cure(name)
+    name, unit = choices[0], COLUMNS[choices[0]].unit
+    cure = f"add a column '{name} [{unit}]', or say which one it is: {how.column_cure(name)}"
     if how.constants is not None and name not in (*TIMES, *_OUTPUTS):
         constant = how.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
-        text += f"; or give a constant: {constant}"
-    return text
+        cure += f"; or give a constant: {constant}"
+    return f"{' or '.join(choices)} is missing: {cure}"
 
 
 def _bad_constants(constants: Mapping[str, float]) -> list[str]:
@@ -325,8 +286,6 @@ def _bad_constants(constants: Mapping[str, float]) -> list[str]:
     for name, series in COLUMNS.items():
         value = constants.get(name, 0.0)
         if name in constants and (not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
-            what = "whole number" if series.whole else "number"
-            unit = "" if series.unit == "1" else f" {series.unit}"
-            bounds = f"from {series.lower:g} to {series.upper:g}{unit}"
-            problems.append(f"constants has {name} = {shown(value)}: give a {what} {bounds}")
+            bounds = f"{series.lower:g} to {series.upper:g}{'' if series.unit == '1' else f' {series.unit}'}"
+            problems.append(f"constants has {name} = {shown(value)}: give a number from {bounds}")
     return problems

@@ -107,9 +107,7 @@ def _changed(series: Array) -> Mask:
     return np.asarray(~same)
 
 
-_HOUR, _MOST_CLOCK_CHANGES = 3600.0, 5
 _FEW, _MOST_BACK = 5, 1 / 3  # if more steps than both go back in time, no part of the log is in order
-_MANY = 0.1  # if more than this share of the steps go back in time, the log is out of order
 
 
 def read_times(table: Table, column: int, how: Reading) -> Stamps:
@@ -174,27 +172,16 @@ def number_pieces(
 
 
 def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: bool) -> str:
-    """Where time first goes back, how often it does, and the cure."""
-    steps = np.diff(time)
+    """Where time first goes back or stands still, how often it does, and the cure."""
     k, times = int(np.argmax(back)), int(back.sum())
-    if stamped and times > _MANY * steps.size and not (time % 60.0).any():
-        most = int(np.unique(time, return_counts=True)[1].max())
-        if most > 1 and (steps >= 0.0).all():
-            return (
-                f"timestamp has up to {most} rows at one time (first: rows {rows[k]} and {rows[k + 1]}): export date "
-                "and time of day to the second, or keep one row of each time"
-            )
-    what = "is at the same time as" if steps[k] == 0.0 else "is earlier than"
-    cure = "sort the rows and drop doubles"
+    cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
+    if stamped:
+        cure += "; where clocks were set back log UTC or the UTC offset"
     if how.jumps is not None:
-        cure += ", or let the record start again there: " + how.cure("jumps='split'", "--jumps split")
-    if times > 1 and back.mean() > _MANY:
-        cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
-    forward = steps[steps > 0.0]
-    if stamped and forward.size and times <= _MOST_CLOCK_CHANGES and np.median(forward) - steps[k] == _HOUR:
-        cure = f"clocks were set back an hour here: log UTC or the UTC offset; else {cure}"
+        cure += "; or let the record start again there: " + how.cure("jumps='split'", "--jumps split")
+    what = "is at the same time as" if time[k + 1] == time[k] else "is earlier than"
     more = f" ({times} such rows)" if times > 1 else ""
-    return f"elapsed_time: row {rows[k + 1]} {what} row {rows[k]}{more}: {cure}"
+    return f"{'timestamp' if stamped else 'elapsed_time'}: row {rows[k + 1]} {what} row {rows[k]}{more}: {cure}"
 
 
 def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int]) -> str:

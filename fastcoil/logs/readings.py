@@ -11,7 +11,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, shown
-from fastcoil.logs.cells import Cells, Writing, cells_of, is_missing, writing_of
+from fastcoil.logs.cells import Cells, Writing, cells_of, writing_of
 from fastcoil.logs.columns import Reading, Wanted, find_unit, marked_by_status
 from fastcoil.logs.plausibility import above_saturation, are_exchanged, looks_like, misread_units
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
@@ -201,16 +201,13 @@ def _suspect_live_zero(series: Series, values: Array, how: Reading, notes: list[
 def _complaint(table: Table, series: Series, column: int, unit: str, bad: Mask, marked: Mask, numbers: Array) -> str:
     """A sentence on the first ``bad`` cell of a column in ``unit``: its row, how many there are, and the cure."""
     i, n_bad = int(np.argmax(bad)), int(bad.sum())
-    cell, row = table.rows[i][column], table.row_numbers[i]
-    if marked[i]:
-        return f"{series.name} in row {row} is no reading by its status: fill or cut the gap{in_total(n_bad)}"
-    if not np.isnan(numbers[i]) or cell.strip().lower().lstrip("+-") == "nan":
-        return series.sentence(float(numbers[i]), f" in row {row}", n_bad, unit)
-    if cell.strip() and is_missing(cell):
-        return f"{series.name} is missing, {shown(cell)}, in row {row}: fill or cut the gap{in_total(n_bad)}"
-    what = f"= {shown(cell)}" if cell.strip() else "is blank"
-    cure = "give a number with a decimal point, or fill or cut the gap"
-    return f"{series.name} {what} in row {row}: {cure}{in_total(n_bad)}"
+    if np.isfinite(numbers[i]) and not marked[i]:
+        return series.sentence(float(numbers[i]), f" in row {table.row_numbers[i]}", n_bad, unit)
+    status = ", bad by its status" if marked[i] else ""
+    return (
+        f"{series.name} = {shown(table.rows[i][column].strip())} in row {table.row_numbers[i]}{status}: give a number "
+        f"with a decimal point, or fill or cut the gap{in_total(n_bad)}"
+    )
 
 
 def _at_bounds(table: Table, series: Series, values: Array, notes: list[str]) -> Array:
@@ -231,10 +228,6 @@ def _sensor_off(series: Series, numbers: Array, values: Array) -> Mask:
     zero = (numbers == 0.0) & (series.units is TEMPERATURE)
     others = values[~zero & ~series.is_bad(values)]
     return np.asarray(zero & bool(others.size and np.quantile(others, 0.01) >= _WARM))
-
-
-_SPARSE, _FEWEST_HOLES = 0.2, 10
-"""If more than this share of a column's cells is missing, the points may be logged each at its own times."""
 
 
 def fill_or_cut(
@@ -266,7 +259,7 @@ def fill_or_cut(
         if readings.complaints and how.drop is False:
             cure = how.cure("drop=True", "--drop")
             readings.complaints[-1] += f"; or leave such values out and count them: {cure}"
-        table.problems += readings.complaints + (_sparse(readings) if readings.complaints else [])
+        table.problems += readings.complaints
         return known, time
     for name in [n for n in wanted.measured if n in bad]:
         lost = bad.pop(name)
@@ -280,17 +273,6 @@ def fill_or_cut(
     if how.drop:
         _bridge(table, readings, bad, time, wanted.measured, longest)
     return _drop_rows(table, known, bad, time, readings.notes)
-
-
-def _sparse(readings: Readings) -> list[str]:
-    shares = {name: float(missing.mean()) for name, missing in readings.missing.items()}
-    worst = max(shares, key=lambda name: shares[name])
-    if shares[worst] <= _SPARSE or readings.missing[worst].sum() < _FEWEST_HOLES:
-        return []
-    return [
-        f"{worst} is missing in {100 * shares[worst]:.0f} % of the rows: if each point is logged at its own times, put "
-        "them on one clock first, with fastcoil join"
-    ]
 
 
 def _bridge(

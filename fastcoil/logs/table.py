@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,7 +60,7 @@ def _separator_of(text: str) -> str:
         if below and len(rows[top]) > 1:
             cells = [cell for row in below if len(row) == len(rows[top]) for cell in row[:_MOST_LOOKED_AT]]
             whole = len(below) * len(rows[top][:_MOST_LOOKED_AT])
-            shares[separator] = sum(is_datum(cell) or is_missing(cell) or is_time(cell) for cell in cells) / whole
+            shares[separator] = sum(_has_data(cell) or is_missing(cell) for cell in cells) / whole
     best = max(shares, key=lambda separator: shares[separator])
     return best if shares[best] > shares[","] else ","
 
@@ -84,12 +83,10 @@ def _numbered_rows(path: Path, text: str, separator: str) -> Numbered:
 def _header_index(rows: Sequence[list[str]]) -> int:
     """Index of the header: the row of names with most data below it before the next such row; 0 if there is none."""
     named = [k for k, row in enumerate(rows) if _may_be_header(row) and _has_data_below(rows, k)]
-    if not named:
-        return 0
-    if any(_is_data(row) for row in rows[: named[0]]):
+    if not named or any(_is_data(row) for row in rows[: named[0]]):
         return 0  # rows of data in another order are no remarks
-    lengths = [end - k for k, end in zip(named, [*named[1:], len(rows)], strict=True)]
-    return max(zip(lengths, named, strict=True), key=lambda pair: pair[0])[1]
+    ends = [*named[1:], len(rows)]
+    return max(zip(named, ends, strict=True), key=lambda run: run[1] - run[0])[0]
 
 
 def _may_be_header(row: Sequence[str]) -> bool:
@@ -99,7 +96,7 @@ def _may_be_header(row: Sequence[str]) -> bool:
         cells.count("") <= 1
         and len(set(cells)) == len(cells)
         and (len(cells) > 1 or len(row) == 1)
-        and not any(is_datum(cell) or is_time(cell) for cell in cells[:_MOST_LOOKED_AT])
+        and not any(map(_has_data, cells[:_MOST_LOOKED_AT]))
         and not _is_unit_row(row)
     )
 
@@ -109,19 +106,20 @@ def _has_data_below(rows: Sequence[list[str]], k: int) -> bool:
     if below and _is_unit_row(below[0]):
         below = below[1:]
     return bool(below) and all(
-        len(row) >= width and len(_trimmed(row)) <= len(rows[k]) and _is_filled_with_data(row) for row in below[:2]
+        len(row) >= width and len(_trimmed(row)) <= len(rows[k]) and any(map(_has_data, row[:_MOST_LOOKED_AT]))
+        for row in below[:2]
     )
 
 
-def _is_filled_with_data(row: Sequence[str]) -> bool:
-    """Whether some cell holds a number or a time."""
-    return any(is_datum(cell) or is_time(cell) for cell in row[:_MOST_LOOKED_AT])
+def _has_data(cell: str) -> bool:
+    """Whether a cell holds a number or a time."""
+    return is_datum(cell) or is_time(cell)
 
 
 def _is_data(row: Sequence[str]) -> bool:
     """Whether every cell, of two at least, holds a number or a time, or says that it has none."""
     cells = row[:_MOST_LOOKED_AT]
-    return len(cells) > 1 and all(is_datum(cell) or is_time(cell) or is_missing(cell) for cell in cells)
+    return len(cells) > 1 and all(_has_data(cell) or is_missing(cell) for cell in cells)
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:
@@ -130,24 +128,12 @@ def _is_unit_row(row: Sequence[str]) -> bool:
     return (
         all(len(cell) <= _LONGEST_UNIT for cell in cells)
         and any(map(is_unit, cells))
-        and not any(cell != "1" and (is_datum(cell) or is_time(cell)) for cell in cells[:_MOST_LOOKED_AT])
+        and not any(cell != "1" and _has_data(cell) for cell in cells[:_MOST_LOOKED_AT])
     )
 
 
 def _bare_unit(cell: str) -> str:
     return cell.strip().strip("[]()").strip()
-
-
-def _cut_trailing_separators(header: list[str], data: Numbered) -> int:
-    """Cut the blank cells that a separator at the end of each line makes; the number of columns that are left."""
-    width = len(_trimmed(header))
-    longer = [row for _, row in data if len(row) > width]
-    if width == 0 or any(any(map(str.strip, row[width:])) for row in longer):
-        width = len(header)
-    for row in longer:
-        if not any(map(str.strip, row[width:])):
-            del row[width:]
-    return width
 
 
 def _footer_length(data: Numbered, width: int) -> int:
@@ -157,7 +143,7 @@ def _footer_length(data: Numbered, width: int) -> int:
         cells = _trimmed(data[-1 - n][1])
         filled = [cell for cell in cells if cell.strip()]
         first = cells[0].strip()
-        if len(filled) >= width or first[:1].isdigit() or is_datum(first) or is_time(first) or is_missing(first):
+        if len(filled) >= width or first[:1].isdigit() or _has_data(first) or is_missing(first):
             break
         n += 1
     return n
@@ -169,10 +155,6 @@ def _trimmed(row: Sequence[str]) -> Sequence[str]:
     while end and not row[end - 1].strip():
         end -= 1
     return row[:end]
-
-
-def _first_words(rows: Numbered) -> str:
-    return shown(next((cell.strip() for _, row in rows for cell in row if cell.strip()), ""))
 
 
 _DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
@@ -252,57 +234,49 @@ class Table:
             raise InputError(f"{path} is empty: give a header row and at least two rows of data")
         notes = [] if separator == "," else [f"columns are separated by {_SEPARATORS[separator]}"]
         top = _header_index([row for _, row in rows[:_SAMPLE]])
-        if top:
-            what = "the first row is" if top == 1 else f"the first {top} rows are"
-            notes.append(f"{what} no part of the table: {_first_words(rows[:top])}")
         (first, header), data = rows[top], rows[top + 1 :]
+        if top:
+            notes.append(f"what is above row {first} is no part of the table, from {shown(' '.join(rows[0][1]))} on")
         units = None
-        if data and _is_unit_row(data[0][1]) and any(_is_filled_with_data(row) for _, row in data[1:3]):
+        if data and _is_unit_row(data[0][1]) and any(map(_has_data, chain(*(row for _, row in data[1:3])))):
             number, cells = data.pop(0)
             units = [_bare_unit(cell) for cell in cells]
             notes.append(f"row {number} has the units: {', '.join(filter(None, units))[:80]}")
-        width = _cut_trailing_separators(header, data)
+        header = [cell.strip() for cell in _trimmed(header)]
+        width = len(header)
+        for _, row in data:
+            if not any(map(str.strip, row[width:])):  # a separator at the end of the line
+                del row[width:]
         if n_footer := _footer_length(data, width):
-            footer, data = data[-n_footer:], data[:-n_footer]
-            notes.append(f"row {footer[0][0]} and what follows is no part of the table: {_first_words(footer)}")
-        header = [cell.strip() for cell in header[:width]]
-        if width == 1 and re.search("[;\t]", header[0]):
-            raise InputError(
-                f"{path} separates its header by ';' or tabs, and its rows otherwise: use commas in both, and points "
-                "for decimals"
-            )
+            (last, footer), data = data[-n_footer], data[:-n_footer]
+            notes.append(f"row {last} and what follows is no part of the table: {shown(' '.join(footer))}")
         if len(data) < 2:
-            have = "one row of data" if data else "a header but no data"
-            raise InputError(f"{path} has {have}: give at least two rows, so that the step is known")
+            raise InputError(f"{path} has {counted(len(data), 'row')} of data below its header: give at least two")
         table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)
         table.units = None if units is None else (units + [""] * width)[:width]
-        table._check_header(first)
+        table._check_header()
         table._check_widths()
         table.stop_if_wrong()
         table._join_clock()
         return table
 
-    def _check_header(self, row_number: int) -> None:
-        """Column names must differ; one may be blank."""
+    def _check_header(self) -> None:
+        """Column names must differ."""
         self.problems += [
-            f"column {shown(cell)} appears twice in the header: rename or delete one"
+            f"column {shown(cell)} appears {count} times: begin the file with the header, name every column once"
             for cell, count in Counter(self.header).items()
-            if count > 1 and cell and cell.lower() not in STATUS
+            if count > 1 and cell.lower() not in STATUS
         ]
-        if (blank := self.header.count("")) > 1:
-            self.problems.append(
-                f"row {row_number} names {blank} columns '': begin the file with the header, name every column"
-            )
 
     def _check_widths(self) -> None:
         """Every row needs as many cells as the header."""
         ragged = [i for i, row in enumerate(self.rows) if len(row) != len(self.header)]
         if ragged:
             row, number = self.rows[ragged[0]], self.row_numbers[ragged[0]]
-            cure = "begin the file with the header" if len(ragged) == len(self.rows) else "mend it"
             more = f" ({len(ragged)} rows in total)" if len(ragged) > 1 else ""
             self.problems.append(
-                f"row {number} has {counted(len(row), 'cell')} where the header has {len(self.header)}: {cure}{more}"
+                f"row {number} has {counted(len(row), 'cell')} where the header has {len(self.header)}{more}: begin "
+                "the file with the header, separate its cells as those of the rows, complete the row"
             )
 
     def _join_clock(self) -> None:
@@ -403,7 +377,7 @@ def table_of(source: Any, columns: Mapping[str, str] | None, names: Collection[s
     if len(rows) < 2:
         raise InputError(f"the {kind} has fewer than two samples: give a longer log")
     table = Table(kind, header, rows, list(range(len(rows))), unit_cure=cure)
-    table._check_header(0)
+    table._check_header()
     table.stop_if_wrong()
     return table
 

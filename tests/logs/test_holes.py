@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.exports import COMMAND, ISO, ROWS, T_SUP, text_of
-from helpers.exports import read as read_text
-from helpers.refusals import only_problem, problems
+from helpers.refusals import only_problem
 
 from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
@@ -112,15 +110,5 @@ def test_without_drop_missing_values_are_refused_with_the_cure(write):
     rows = cells()
     rows[4][2] = ""
     said = only_problem(read_log, write(HEADER, rows), WANTED, Reading(drop=False, has_command=True))
-    assert "m_a is blank in row 6" in said
+    assert "m_a = '' in row 6" in said
     assert said.endswith("or leave such values out and count them: drop=True, --drop")
-
-
-def test_a_table_of_points_with_times_of_their_own_is_sent_to_join(tmp_path):
-    odd = [str(c) if k % 2 else "" for k, c in enumerate(COMMAND)]
-    even = [str(T) if k % 2 == 0 else "" for k, T in enumerate(T_SUP)]
-    rows = [list(row) for row in zip(ISO, odd, even, strict=True)]
-    assert len(rows) == ROWS
-    found = problems(read_text, tmp_path, text_of(rows))
-    assert "is missing in 50 % of the rows" in found[-1]
-    assert "fastcoil join" in found[-1]

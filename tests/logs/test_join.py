@@ -221,7 +221,7 @@ def test_bad_cells_are_refused_with_file_row_and_cure(point):
     assert "command.csv: command = 'off' in row 4" in only_problem(
         joined, point("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
     )
-    assert "command.csv: command has no unit, and its values look like percent" in only_problem(
+    assert "command.csv: command has no unit: write 'Value [UNIT]' in the header" in only_problem(
         joined, point("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
     )
     to_and_fro = point("command.csv", [0, 60, 30, 90, 120], range(5), "Time,Value (%)")

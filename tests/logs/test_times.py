@@ -180,25 +180,19 @@ def test_utc_offsets_that_change_are_one_time(tmp_path):
 # --------------------------------------------------------------------------------------- clocks changed, minutes only
 
 
-def test_a_clock_set_back_is_named_as_such(tmp_path):
+def test_rows_out_of_order_are_refused_with_every_cure_and_split_where_asked(tmp_path):
     stamps = ISO[:40] + times("%Y-%m-%dT%H:%M:%S", START - timedelta(hours=1))[40:]
     said = refused(tmp_path, stamps, jumps="refuse")
-    assert "row 42 is earlier than row 41: clocks were set back an hour here: log UTC or the UTC offset" in said
+    assert "timestamp: row 42 is earlier than row 41: give every row a time of its own, to the second, and sort" in said
+    assert "where clocks were set back log UTC or the UTC offset; or let the record start again there: jumps=" in said
     assert as_read(tmp_path, stamps, jumps="split").n_batches == 2
 
 
-def test_several_rows_in_a_minute_ask_for_seconds(tmp_path):
-    stamps = [stamp[:16] for stamp in times("%Y-%m-%dT%H:%M:%S", step=20)]
-    said = refused(tmp_path, stamps)
-    assert (
-        "timestamp has up to 3 rows at one time (first: rows 2 and 3): export date and time of day to the second"
-        in said
-    )
-
-
-def test_dates_without_the_time_of_day_ask_for_it(tmp_path):
-    said = refused(tmp_path, times("%d/%m/%Y", START.replace(day=25)))
-    assert "timestamp has up to 30 rows at one time" in said
+@pytest.mark.parametrize(
+    "stamps", [[s[:16] for s in times("%Y-%m-%dT%H:%M:%S", step=20)], times("%d/%m/%Y", START.replace(day=25))]
+)
+def test_several_rows_at_one_time_are_refused(tmp_path, stamps):
+    assert "timestamp: row 3 is at the same time as row 2 (" in refused(tmp_path, stamps)
 
 
 # ----------------------------------------------------------------------------------------------------- time_format

@@ -152,7 +152,7 @@ def test_the_page_shows_log_profile_and_predictions(diagnosis, coarse):
 def test_a_command_to_100_without_a_unit_is_told_to_be_per_cent(log, tmp_path):
     path = write_log(log, tmp_path / "log.csv")
     path.write_text(path.read_text().replace("command [%]", "command"))
-    assert_only_problem(["command has no unit", "--unit command='%'"], fc.diagnose, path)
+    assert_only_problem(["command has no unit", "--unit command='UNIT'"], fc.diagnose, path)
 
 
 def test_mistakes_are_told_together_before_the_log_is_read():

@@ -101,14 +101,14 @@ def test_humidity_may_be_a_constant_in_any_form(write):
     ("rows", "words"),
     [
         ([*ROWS, row(180), row(500)], ["rows 5 and 6 are 320 s apart", "others 60 s", "max_gap=320"]),
-        (replaced(2, [25, 25, "-inf"]), ["T_a_in is -inf in row 4"]),
+        (replaced(2, [25, 25, "-inf"]), ["T_a_in = '-inf' in row 4"]),
         (
             replaced(2, [77, 77, 77]),
             ["T_a_in = 77 degC in row 2", "from -40 to 60 degC", "check its unit", "3 samples"],
         ),
         ([ROWS[0], ROWS[1][:-1], ROWS[2]], ["row 3 has 5 cells where the header has 6"]),
-        ([ROWS[0]], ["one row of data", "at least two"]),
-        ([], ["header but no data", "at least two"]),
+        ([ROWS[0]], ["1 row of data", "at least two"]),
+        ([], ["0 rows of data", "at least two"]),
     ],
 )
 def test_bad_rows_are_named_with_value_and_cure(write, rows, words):
@@ -118,9 +118,12 @@ def test_bad_rows_are_named_with_value_and_cure(write, rows, words):
 @pytest.mark.parametrize(
     ("header", "words"),
     [
-        ([*HEADER[:5], "T_a_in [degC]"], ["column 'T_a_in [degC]' appears twice"]),
+        ([*HEADER[:5], "T_a_in [degC]"], ["column 'T_a_in [degC]' appears 2 times"]),
         ([f"time {HEADER[0]}"], ["row 2 has 6 cells where the header has 1"]),
-        (["elapsed_time [s];m_a [kg/s];T_a_in [degC]"], ["';'", "use commas"]),
+        (
+            ["elapsed_time [s];m_a [kg/s];T_a_in [degC]"],
+            ["row 2 has 6 cells where the header has 1", "separate its cells as those of the rows"],
+        ),
     ],
 )
 def test_bad_headers_are_named_with_the_cure(write, header, words):
