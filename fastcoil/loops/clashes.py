@@ -21,7 +21,6 @@ from fastcoil.loops.scenarios import Layout
 from fastcoil.model import moist_air
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.plant import worst_numbers
-from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
 
@@ -224,35 +223,31 @@ def _doubts(loop: Loop, boundary: Boundary) -> Iterator[str]:
     turns = bool(np.any(np.asarray(loop["kp"]) < 0.0))
     if turns or words_used(loop, "law") != {"pi"}:  # the meaning of the action is then unknown
         return
-    (w_low, w_high), (a_low, a_high), (low, high) = (boundary.extremes[n] for n in ("T_w_in", "T_a_in", "T_set"))
-    if "heating" in actions and w_high < a_low:
-        yield (
-            f"action = 'heating', but the water (up to {w_high:.3g} degC) is never warmer than the air (from "
-            f"{a_low:.3g} degC): opening the valve cools; give action = 'cooling', or days of heating"
-        )
-    elif "heating" in actions and max(w_high, a_high) < low:
-        yield (
-            f"T_set is {low:.3g} degC or more, water and air {max(w_high, a_high):.3g} degC at most: no opening warms "
-            "the air that far; lower T_set, or give warmer water"
-        )
-    elif "heating" in actions and w_high - a_low > FAR:
-        kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
-        cooling = [name for name in COOLING if (kp, ti) == (Loop.preset(name)["kp"], Loop.preset(name)["ti"])]
-        for name in cooling[:1]:
+    for action, other, verb, sign in (("heating", "cooling", "warm", 1.0), ("cooling", "heating", "cool", -1.0)):
+        if action not in actions:
+            continue
+        # the least and the most, in the direction of the action
+        ends = (sorted(sign * end for end in boundary.extremes[name]) for name in ("T_w_in", "T_a_in", "T_set"))
+        (_, water), (least_air, air), (T_set, _) = ends
+        if water < least_air:
             yield (
-                f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: with "
-                "hot water they may ring, or be slow; begin with the preset heating or heating_45, or give other gains"
+                f"action = {action!r}, but the water, {sign * water:.3g} degC at best, cannot {verb} air of "
+                f"{sign * least_air:.3g} degC: give action = {other!r}, or days of {action}"
             )
-    if "cooling" in actions and w_low > a_high:
-        yield (
-            f"action = 'cooling', but the water (from {w_low:.3g} degC) is never colder than the air (up to "
-            f"{a_high:.3g} degC): opening the valve warms; give action = 'heating', or days of cooling"
-        )
-    elif "cooling" in actions and min(w_low, a_low) > high:
-        yield (
-            f"T_set is {high:.3g} degC or less, water and air {min(w_low, a_low):.3g} degC at least: no opening cools "
-            "the air that far; raise T_set, or give colder water"
-        )
+        elif max(water, air) < T_set:
+            yield (
+                f"T_set is {sign * T_set:.3g} degC at best: water and air of {sign * max(water, air):.3g} degC cannot "
+                f"{verb} the air that far, change T_set or the water"
+            )
+        elif action == "heating" and water - least_air > FAR:
+            kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))
+            cooling = [name for name in COOLING if (kp, ti) == (Loop.preset(name)["kp"], Loop.preset(name)["ti"])]
+            for name in cooling[:1]:
+                yield (
+                    f"action = 'heating' with kp = {kp:g} 1/K and ti = {ti:g} s, those of the cooling coil {name}: "
+                    "with hot water they may ring, or be slow; begin with the preset heating or heating_45, or give "
+                    "other gains"
+                )
 
 
 _CHUNK = 65536
@@ -319,23 +314,12 @@ def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
 def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: int, gamma: float, lam: float) -> str:
     """worst: flat index of the least stable scenario, of γ and λ."""
     columns = coil.columns(np.array([worst]))
-    matrix, slope = parameter_matrix(columns), _wet_slope(layout.boundary, columns)
-    m_a = _air_flows(layout.boundary)
     n_volumes, substeps = int(columns["n_volumes"][0]), int(columns["substeps"][0])
-    largest_stable = n_volumes
-    while largest_stable := largest_stable - 1:
-        matrix[PARAMETER_ROWS.index("n_volumes")] = largest_stable
-        if max(x[0] for x in worst_numbers(matrix, m_a, slope)) <= 1.0:
-            break
     what = [f"γ = m_w cp_w dt/C_w = {gamma:.3g}"] if gamma > 1.0 else []
     what += [f"λ = dt (G_a + G_w)/C_c = {lam:.3g}"] if lam > 1.0 else []
-    cures = [f"n_volumes = {largest_stable} or less is stable"] if largest_stable else []
-    enough = int(np.ceil(min(max(gamma, lam), 1e6) * substeps * (1 - 1e-12)))
-    cures += [f"substeps = {enough} is stable"] if enough <= PARAMETERS["substeps"].upper else []
-    for name, number in (("C_w", gamma), ("C_c", lam)):
-        if 1.0 < number < np.inf:
-            given = float(columns[name][0])
-            cures.append(f"raise {name} from {given:g} to at least {_ceil3(given * number):g} kJ/K")
+    enough = np.ceil(max(gamma, lam) * substeps * (1 - 1e-12))
+    cures = [f"substeps = {enough:.0f} is stable"] if enough <= PARAMETERS["substeps"].upper else []
+    cures.append("give fewer n_volumes or larger " + " and ".join(["C_w"] * (gamma > 1.0) + ["C_c"] * (lam > 1.0)))
     place = ", ".join(filter(None, [coil.describe(worst), f"n_volumes={n_volumes}"]))
     dt = "1 s" if substeps == 1 else f"1/{substeps} s"
     share = n_bad * (layout.size // coil.size)
@@ -343,9 +327,3 @@ def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: int, gamma: float,
         f"unstable at dt = {dt}: {share:,} of {layout.size:,} scenarios have γ or λ above 1; "
         f"worst: {' and '.join(what)} at {place}; cure: {', or '.join(cures)}"
     )
-
-
-def _ceil3(x: float) -> float:
-    """Round up to 3 significant digits, so that following the advice is enough."""
-    scale = 10.0 ** (np.floor(np.log10(x)) - 2)
-    return float(np.ceil(x / scale * (1 - 1e-12)) * scale)

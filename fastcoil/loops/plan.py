@@ -26,11 +26,12 @@ from fastcoil.loops.assignment import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 from fastcoil.loops.clashes import check_clashes, check_stability, tell_doubts
-from fastcoil.loops.loop import Loop
+from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.scenarios import Days, Layout, commands_of
 from fastcoil.model.engine.emulator import DAY_COLUMNS
 from fastcoil.model.engine.lanes import TraceRequest
-from fastcoil.model.engine.rows import LANES
+from fastcoil.model.engine.rows import LANES, STATE_ROWS, VOLUME_ROWS
+from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.noise import RNG
 
@@ -49,17 +50,12 @@ def check_memory(needed: int, n_scenarios: int) -> None:
 def check_workers(alone: int, each: int, n_jobs: int) -> None:
     """Refuse ``n_jobs`` workers of ``each`` bytes that, with a run of ``alone`` bytes, do not fit into memory."""
     available = available_memory()
-    if alone + n_jobs * each <= available:
-        return
-    fit = (available - alone) // each
-    if fit < 1:
+    if alone + n_jobs * each > available:
+        fit = (available - alone) // each
         raise InputError(
-            f"the study needs {gib(alone + each)} of memory with one worker, {gib(available)} are available: {_CURE}"
+            f"{n_jobs} workers need {gib(alone + n_jobs * each)} of memory, {gib(available)} are available: "
+            + (f"use -j {fit}" if fit >= 1 else _CURE)
         )
-    raise InputError(
-        f"{n_jobs} workers of {gib(each)} do not fit into the {gib(available)} of memory that are available, "
-        f"of which the results need {gib(alone)}: use -j {fit}"
-    )
 
 
 def check_disk(needed: int, folder: Path) -> None:
@@ -90,8 +86,7 @@ _STRETCHES = 4  # of a chain, at least
 _BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
 """Each group makes its days itself, which fewer blocks do not repay; more groups even out what workers have to do."""
 _MOST_BLOCKS_PER_GROUP = 64
-_OF_KERNELS = 64 * 2**20
-_OF_PROCESS = {"loky": 140 * 2**20, "dask": 170 * 2**20}
+_OF_KERNELS, _OF_PROCESS = 64 * 2**20, 170 * 2**20
 """Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
 
 
@@ -154,23 +149,32 @@ class Plan:
     def memory_of_run(self, n_jobs: int, backend: str) -> tuple[int, int]:
         """Most memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
-        Itself: the kernels, the results, a shard on its way to the disk; or in the merge, when the workers are done,
-        the largest trace.  A worker: a shard, another on its way, a block and a day; one that is a process has Python,
-        its libraries and the boundary too.
+        Itself: the kernels, the results, and a shard on its way to the disk, or in the merge the largest trace.  A
+        worker: three shards, a block and a day; one that is a process has Python, its libraries and the boundary too.
         """
         of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
         of_shard = of_scenario * self._largest_shard(n_jobs)
-        each = 2 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
-        if backend in _OF_PROCESS:
-            each += _OF_PROCESS[backend] + of_shard
-            each += 0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes
+        each = 3 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
+        if backend != "threads":
+            each += _OF_PROCESS + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
         largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
-        alone = _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest - n_jobs * each)
-        return alone, each
+        return _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest), each
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
         """Most room that a study takes on disk, while it is merged."""
-        return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
+        return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept + self._state_bytes()
+
+    def _state_bytes(self) -> int:
+        """Size of the states that shards of a sequence of days hand on."""
+        if not self.carry_over:
+            return 0
+        loop = self.layout.loop
+        rules = [*filter(None, ESTIMATORS), *(rule.family for rule in loop.rules.values())]
+        used = words_used(loop, "estimator") | words_used(loop, "law")
+        remembered = sum(len(one.Memory._fields) + getattr(one, "words", 0) for one in rules if one.name in used)
+        numbers = len(STATE_ROWS) + len(VOLUME_ROWS) * self.n_volumes + remembered
+        _, days = self.chain_limits(1, -(-self.n_a_day // LANES))
+        return self.n_a_day * ((len(self.days) - 1) // days) * numbers * 8
 
     def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
         """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.

@@ -33,7 +33,7 @@ def test_workers_that_do_not_fit_are_refused_before_anything_is_written(study, m
     monkeypatch.setattr(resources, "available_memory", lambda: 500 * 2**20)
     found = fastcoil("run", study, "-j", 8, "--backend", "loky", "-o", study.with_name("out"))
     assert found.exit_code == 2
-    assert re.search(r"8 workers of 1\d\d\.\d MiB do not fit into the 500\.0 MiB .*: use -j [23]\n", found.output)
+    assert re.search(r"8 workers need 1\.\d GiB of memory, 500\.0 MiB are available: use -j 2\n", found.output)
     assert not list(study.with_name("out").glob("[!.]*"))
 
 

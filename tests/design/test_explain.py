@@ -103,7 +103,7 @@ def test_a_second_is_explained_by_its_own_conditions():
     assert float(found.points["T_set"][0]) == DAY.series["T_set"][0, 4000]
 
 
-@pytest.mark.filterwarnings("ignore:T_set is 3 degC or less")
+@pytest.mark.filterwarnings("ignore:T_set is 3 degC at best")
 def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(unpredicted):
     found = unpredicted
     assert found.predicted is None

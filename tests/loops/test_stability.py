@@ -1,4 +1,4 @@
-"""Stability at dt = 1 s: both borders, and that the advice in a refusal works."""
+"""Stability at dt = 1 s: both borders, and that the substeps which a refusal advises are enough."""
 
 import numpy as np
 import pytest
@@ -42,8 +42,7 @@ def test_the_border_of_stability_of_water_and_metal(days, coil, name, number, ot
     assert "unstable" in problem
     assert f"{number} = " in problem
     assert f"{other} = " not in problem
-    assert f"n_volumes = {coil.get('n_volumes', 8) - 1} or less is stable" in problem
-    assert f"raise {name} from {limit:g}" in problem
+    assert problem.endswith(f"or give fewer n_volumes or larger {name}")
 
 
 def test_the_border_of_stability_with_an_installed_valve(days, refused):
@@ -68,23 +67,6 @@ def test_a_coil_that_cannot_get_wet_has_the_dry_border():
     fc.simulate(fc.Loop(C_c=3.0), day, warm_up=60)
     with pytest.raises(fc.InputError, match="λ"):
         check_stability(Layout(fc.Loop(C_c=3.0), fc.constant_day(hours=0.25, W_a_in=0.015)))
-
-
-@pytest.mark.parametrize("n_volumes", [9, 64])
-def test_largest_stable_number_of_volumes(days, n_volumes, refused):
-    (problem,) = refused(fc.Loop(n_volumes=n_volumes), days, warm_up=60)
-    assert "n_volumes = 8 or less is stable" in problem
-    assert f"n_volumes={n_volumes}" in problem
-
-
-def test_the_advice_works_when_followed(days, refused):
-    (problem,) = refused(fc.Loop(n_volumes=11, C_c=2.0), days, warm_up=60)
-    C_w, C_c = (
-        float(problem.split(f"raise {name} from")[1].split("at least ")[1].split()[0]) for name in ("C_w", "C_c")
-    )
-    fc.simulate(fc.Loop(n_volumes=11, C_w=C_w, C_c=C_c), days, warm_up=60)
-    refused(fc.Loop(n_volumes=11, C_w=0.99 * C_w, C_c=C_c), days, warm_up=60)
-    refused(fc.Loop(n_volumes=11, C_w=C_w, C_c=0.99 * C_c), days, warm_up=60)
 
 
 @pytest.mark.parametrize("given", [1, 3])

@@ -34,7 +34,7 @@ def test_white_noise_turns_an_inverse_as_often_as_the_integral_says(c):
 
 
 @pytest.mark.kernel
-@pytest.mark.filterwarnings("ignore:T_set is 19 degC or less")
+@pytest.mark.filterwarnings("ignore:T_set is 19 degC at best")
 def test_the_kernel_turns_on_noise_as_often_as_the_integral_says():
     """A valve that lets no water through, and hardly any integral part: u is white noise around 0.5."""
     c = np.array([1.0, 2.0, 3.0])
