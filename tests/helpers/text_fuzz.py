@@ -15,7 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from helpers.fuzz_seeds import CELLS, FOREIGN, LINES, LOG, STUDIES, TIMED, VALUES, VALVE, WEATHER
 from helpers.weather_years import epw, hours_from, tmy3
 
 MEMORY = 2**30
@@ -23,12 +22,82 @@ MEMORY = 2**30
 SECONDS = 10.0
 """So long takes none, even on a machine that does other things."""
 LONGEST_SENTENCE = 1500
+ROOT = Path(__file__).parents[2]
+STUDIES = (
+    (ROOT / "studies" / "paper" / "paper_like.toml").read_text(),
+    (ROOT / "studies" / "inverse" / "valve_sensitivity.toml").read_text(),
+    """title = "Größe"
+[loop]
+include = ["valve.toml"]
+[sweep]
+backlash = [0.02, 0.05, 0.07]
+ti = { geomspace = [8, 80, 4] }
+[run]
+replicates = 2
+traces = ["T_sup", "command"]
+[boundary]
+kind = "csv"
+path = "log.csv"
+hours = 0.6
+units = { T_set = "degC" }
+columns = { T_set = "T_set" }
+""",
+    """[loop]
+[boundary]
+kind = "weather"
+path = "weather.csv"
+m_a = 1.15
+T_w_in = 7
+T_set = 14.0
+outdoor_fraction = 0.3
+T_return = 24.0
+RH_return = 0.5
+hours = 2
+days = [1]
+hour = 3
+columns = { RH = "RH_pct" }
+""",
+)
+VALVE = "[loop]\nbacklash = 0.07\nm_max = 1.9\nvalve_a = 0.7\nvalve_b = 9.0\nvalve_c = 0.4\n[fit]\nkind = 'valve'\n"
+LOG = "timestamp,m_a [kg/s],T_a_in [degC],RH_a_in [percent],T_w_in [degC],T_set,command,m_w [kg/s],batch\n" + "".join(
+    f"2024-07-01T{8 + k // 60:02}:{k % 60:02}:00,1.{k % 9},25.{k % 7},5{k % 9},7.{k % 3},14,0.{k % 10},0.{k % 8},1\n"
+    for k in range(40)
+)
+TIMED = "elapsed_time [s],m_a [m3/h],T_a_in [degF],W_a_in [g/kg],T_w_in [degC],T_set [degC],T_sup [degC]\n" + "".join(
+    f"{60 * k},{3000 + k},7{k % 9}.5,9.{k % 10},7.1,14,1{k % 6}.2\n" for k in range(40)
+)
+FOREIGN = (
+    "Trend report\nSite:;Berkeley\n\nZeit;m_a;T_a_in;RH_a_in;T_w_in;T_set;command;m_w;enabled;Status\n"
+    ";kg/s;°C;%;°C;°C;%;l/min;;\n"
+    + "".join(
+        f"{1 + k // 20}.07.2024 8:{k:02};1,{k % 9};25,{k % 7};5{k % 9};7,{k % 3};14;{k % 10},5;1.20{k % 8},5;"
+        f"{'On' if k % 5 else 'Off'};{{ok}}\n"
+        for k in range(40)
+    )
+    + "\nEnd of report\n"
+)
+WEATHER = "hour_of_year,month,day,hour,T_drybulb_C,T_dewpoint_C,RH_pct,p_Pa\n" + "".join(
+    f"{k},1,{1 + k // 24},{k % 24},{7 + k % 20},{k % 7},60,10{k % 9}000\n" for k in range(1, 60)
+)
+WORDS = (
+    *("1e308", "-1e308", "nan", "inf", "-1", "0", "1e-320", "9" * 400, "9" * 5000, "0x" + "f" * 5000, "1_0", "1e6"),
+    *("true", '""', '"x"', "", " ", "x" * 50_000, '"a\nb"', "\x00", "\x1b[2J", '"\\u202e\\u001b[2J"', "１２", "1,5"),
+    *("2024-07-01", "2024-13-01", "31.02.2024", "9999-12-31", "0001-01-01T00:00:00+14:00", "1719820800000", "24:00"),
+    *("1,234.5", "5.12 V", "47 %", "#N/A", "3 {down}", "On", "T_sup [" + "C" * 9000 + "]", "a" + " " * 20_000 + "b"),
+    *("[]", "{}", "[" * 5000, "[" + "1, " * 20_000 + "]", "{ a = " * 300 + "1" + " }" * 300, '["T_sup", "T_sup"]'),
+    *("{ linspace = [0, 1, 10000000] }", "10000000", "18446744073709551615", '"/dev/zero"', '["/dev/zero"]'),
+)
+"""In place of a word or number: what is hard to read, or asks for a lot."""
+LINES = (
+    *("a." * 20_000 + "b = 1", "[" + "a." * 20_000 + "b]", "\n".join(f"x{i} = 1" for i in range(5000))),
+    *("\n".join(f"[cases.d{i}.c]\nkp = 1" for i in range(500)), '"""' + '\\"""' * 20_000, "'''" * 20_001),
+    *("[[loop]]", "[[cases.tuning]]", "[run]\nreduce = 'nobody:f'", "[loop]", "," * 20_000, ";" * 20_000),
+)
+BYTES = (b"\0", b"\xff", b"\r", b"\n", b'"', b"'''", b"[", b"=", b",", b".", b"\\", b"\xef\xbb\xbf")
+_WORD = re.compile(r"[^\s,;=\[\]{}]+|\[.*\]|\{.*\}")
 
 
-BYTES = [b"\0", b"\xff", b"\r", b"\n", b'"', b"'''", b"[", b"=", b",", b".", b"\\", b"\xef\xbb\xbf"]
-
-
-def bytes_changed(data: bytes, r: random.Random) -> bytes:
+def with_other_bytes(data: bytes, r: random.Random) -> bytes:
     """Some bytes flipped, cut out, put in, doubled or cut off."""
     changed = bytearray(data)
     for _ in range(r.randint(1, 8)):
@@ -41,79 +110,41 @@ def bytes_changed(data: bytes, r: random.Random) -> bytes:
     return bytes(changed)
 
 
-def text_wrapped(data: bytes, r: random.Random) -> bytes:
-    """As other programs save text: other line ends, byte order marks, other encodings, lines in another order."""
-    text = data.decode()
-    lines = text.splitlines(keepends=True)
+def saved_otherwise(data: bytes, r: random.Random) -> bytes:
+    """As other programs save text: other line ends, byte order marks, other encodings."""
+    text = data.decode(errors="replace")
     return r.choice([
         text.replace("\n", "\r\n").encode(), text.replace("\n", "\r").encode(), b"\xef\xbb\xbf" * 2 + data,
         text.encode("utf-16"), text.encode("latin-1", "replace"), data + b"\x1a", data * 2,
-        "".join(r.sample(lines, len(lines))).encode(), data.replace(b"\n", b"\n\0"),
     ])  # fmt: skip
 
 
-def study_token(data: bytes, r: random.Random) -> bytes:
-    """A value replaced, a line doubled, lost or put in: of the forms that take long to parse, too."""
-    lines = data.decode().split("\n")
-    k, kind = r.randrange(len(lines)), r.randrange(6)
-    if kind <= 2:
-        k = r.choice([i for i, line in enumerate(lines) if "=" in line])
-        numbers = [*re.finditer(r"(?<![\w.])-?\d[\d.]*|\"[^\"]*\"", lines[k])]
-        start, end = r.choice(numbers).span() if kind and numbers else (lines[k].index("=") + 1, len(lines[k]))
-        lines[k] = lines[k][:start] + r.choice(VALUES) + lines[k][end:]
-    elif kind == 3:
-        lines.insert(k, r.choice(lines))
-    elif kind == 4:
-        del lines[k]
-    else:
-        lines.insert(k, r.choice(LINES))
-    return "\n".join(lines).encode()
+def with_other_words(data: bytes, r: random.Random) -> bytes:
+    """Words and numbers replaced, lines doubled, lost, put in or in another order, many cells more."""
+    lines = data.decode(errors="replace").split("\n")
+    for _ in range(r.randint(1, 4)):
+        k, kind = r.randrange(len(lines)), r.randrange(8)
+        words = [*_WORD.finditer(lines[k])]
+        if kind < 4 and words:
+            start, end = r.choice(words).span()
+            lines[k] = lines[k][:start] + r.choice(WORDS) + lines[k][end:]
+        elif kind == 4:
+            lines.insert(k, r.choice(LINES if r.random() < 0.5 else lines))
+        elif kind == 5:
+            lines[k : k + r.choice([1, 5, 30])] = []
+            lines = lines or [""]
+        elif kind == 6:
+            lines[1:] = r.choice([lines[:0:-1], sorted(lines[1:]), r.sample(lines[1:], len(lines) - 1)])
+        else:
+            lines = [line + r.choice(",;") * 200 for line in lines]
+    return "\n".join(lines).encode(errors="replace")
 
 
-def log_token(data: bytes, r: random.Random, separator: str = ",") -> bytes:
-    """Cells replaced, columns swapped, doubled or left out, rows moved, the time scaled, thousands of columns."""
-    rows = [line.split(separator) for line in data.decode().splitlines()]
-    (header, *body), kind, i, j = rows, r.randrange(8), r.randrange(len(rows[0])), r.randrange(len(rows[0]))
-    if kind <= 1:
-        for _ in range(r.randint(1, 5)):
-            r.choice(rows)[r.randrange(len(header))] = r.choice(CELLS)
-    elif kind == 2:
-        for row in rows[r.randrange(2) :]:
-            row[i], row[j] = row[j], row[i]
-    elif kind == 3:
-        rows = [row[:i] + row[i + 1 :] if r.random() < 0.5 else row + row[i : i + 1] for row in rows]
-    elif kind == 4:
-        factor = r.choice([1e6, 1e300, 1e-6, -1, 0])
-        rows = [header, *([scaled(row[0], factor), *row[1:]] for row in body)]
-    elif kind == 5:
-        rows = [
-            header,
-            *r.choice([body[::-1], sorted(body), body + body[:5], body[:1] * 30, r.sample(body, len(body))]),
-        ]
-    elif kind == 6:
-        n = r.choice([200, 20_000])
-        wide = [[f"c{k}" for k in range(n)], *[["1"] * n] * 4]
-        rows = wide if r.random() < 0.5 else [header + ["1"] * n, *body]
-    else:
-        header[i] = r.choice(["x" * 50_000, "T_sup [" + "C" * 9000 + "]", "a" + " " * 20_000 + "b", "\x1b[2J"])
-    return "\n".join(map(separator.join, rows)).encode()
-
-
-def scaled(cell: str, factor: float) -> str:
-    """A number times the factor; an hour of it for what is none."""
-    try:
-        return f"{float(cell) * factor}"
-    except ValueError:
-        return str(3600 * factor)
-
-
-def damaged(data: bytes, r: random.Random, tokens: Callable[[bytes, random.Random], bytes]) -> bytes:
+def damaged(data: bytes, r: random.Random) -> bytes:
     """The bytes with one to three kinds of damage."""
+    kinds = (with_other_bytes, saved_otherwise, *[with_other_words] * 3)
     for _ in range(r.choice([1, 1, 1, 2, 3])):
-        try:
-            data = r.choice([bytes_changed, text_wrapped, tokens, tokens, tokens])(data, r) if data else b""
-        except (UnicodeDecodeError, IndexError):
-            data = bytes_changed(data, r)
+        data = r.choice(kinds)(data, r)
     return data
 
 
@@ -154,59 +185,45 @@ def main(seed: int, count: int, folder: Path) -> None:
     from fastcoil.loops.boundary.weather import weather_day
     from fastcoil.study.file.spec import read_study
 
-    whole = {"valve.toml": VALVE, "log.csv": LOG, "weather.csv": WEATHER}
-    for name, text in whole.items():
+    for name, text in {"valve.toml": VALVE, "log.csv": LOG, "weather.csv": WEATHER}.items():
         (folder / name).write_text(text, encoding="utf-8")
-    paths = {name: folder / name for name in ("study.toml", "damaged.toml", "damaged.csv")}
+    (folder / "including.toml").write_text('[loop]\ninclude = ["valve.toml"]\n[boundary]\nhours = 1\n')
     of_valve = Wanted(needed=("command", "m_w"), measured=("m_w",))
     of_day = {"m_a": 1.0, "T_w_in": 7.0, "T_set": 14.0, "outdoor_fraction": 0.3, "T_return": 24.0, "RH_return": 0.5}
+    columns, units, year = {"T_set": "T_set"}, {"command": "1"}, hours_from(1, 1, 59)
+    foreign = Reading(columns={"timestamp": "Zeit"}, drop=True, jumps="split")
+    study, csv = folder / "damaged.toml", folder / "damaged.csv"
 
-    year = hours_from(1, 1, 59)
+    def weather() -> object:
+        return weather_day(csv, **of_day, hours=2, start_hour=3)
 
-    def include() -> object:
-        paths["study.toml"].write_text('[loop]\ninclude = ["damaged.toml"]\n[boundary]\nhours = 1\n')
-        return read_study(paths["study.toml"])
-
-    def csv(read: Callable[..., object], *args: Any, **options: Any) -> Callable[[], object]:
-        return partial(read, paths["damaged.csv"], *args, **options)
-
-    whose = {"columns": {"T_set": "T_set"}}
-    unit = {"units": {"command": "1"}}
-    foreign = {"columns": {"timestamp": "Zeit"}, "drop": True, "jumps": "split"}
-    foreign_token = partial(log_token, separator=";")
-
-    def join() -> object:
-        return join_points([paths["damaged.csv"]], columns={}, units={}, time_format=None, step=None, max_gap=None)
-
-    kinds: list[tuple[str, str, str, Callable[..., bytes], Callable[[], object]]] = [
-        *(
-            (f"study {k}", text, "study.toml", study_token, lambda: read_study(paths["study.toml"]))
-            for k, text in enumerate(STUDIES)
-        ),
-        ("include", VALVE, "damaged.toml", study_token, include),
-        ("day", LOG, "damaged.csv", log_token, csv(Boundary.from_csv, units={"T_set": "degC"}, **whose)),
-        ("day, timed", TIMED, "damaged.csv", log_token, csv(Boundary.from_csv, **whose)),
-        ("log", LOG, "damaged.csv", log_token, csv(read_log, of_valve, Reading(drop=True, jumps="split", **unit))),
-        ("log, strict", LOG, "damaged.csv", log_token, csv(read_log, of_valve, Reading(**unit))),
-        ("log, foreign", FOREIGN, "damaged.csv", foreign_token, csv(read_log, of_valve, Reading(**foreign))),
-        ("joined", FOREIGN, "damaged.csv", foreign_token, join),
-        *(
-            (f"weather{form}", text, "damaged.csv", log_token, csv(weather_day, **of_day, hours=2, start_hour=3))
-            for form, text in (("", WEATHER), (", EPW", "\n".join(epw(year))), (", TMY3", "\n".join(tmy3(year))))
-        ),
-    ]
-    for _, text, name, _, read in kinds:  # whole files are read, and the libraries are there
-        (folder / name).write_text(text, encoding="utf-8")
+    kinds: list[tuple[str, str, Path, Callable[[], Any]]] = [
+        *((f"study {k}", text, study, partial(read_study, study)) for k, text in enumerate(STUDIES)),
+        ("include", VALVE, folder / "valve.toml", partial(read_study, folder / "including.toml")),
+        ("day", LOG, csv, lambda: Boundary.from_csv(csv, units={"T_set": "degC"}, columns=columns)),
+        ("day, timed", TIMED, csv, lambda: Boundary.from_csv(csv, columns=columns)),
+        ("log", LOG, csv, lambda: read_log(csv, of_valve, Reading(drop=True, jumps="split", units=units))),
+        ("log, strict", LOG, csv, lambda: read_log(csv, of_valve, Reading(units=units))),
+        ("log, foreign", FOREIGN, csv, lambda: read_log(csv, of_valve, foreign)),
+        ("joined", FOREIGN, csv, lambda: join_points([csv], columns={}, units={}, time_format=None, step=None,
+                                                     max_gap=None)),
+        ("weather", WEATHER, csv, weather),
+        ("weather, EPW", "\n".join(epw(year)), csv, weather),
+        ("weather, TMY3", "\n".join(tmy3(year)), csv, weather),
+    ]  # fmt: skip
+    for _, text, path, read in kinds:  # whole files are read, and the libraries are there
+        path.write_text(text, encoding="utf-8")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             read()
     limit_memory()
     for number in range(count):
-        for kind, text, name, tokens, read in kinds:
-            r = random.Random(f"{seed} {number} {kind}")
-            data = damaged(text.encode(), r, tokens)
-            (folder / name).write_bytes(data)
-            if (said := complaint(read)) is not None:
+        for kind, text, path, read in kinds:
+            data = damaged(text.encode(), random.Random(f"{seed} {number} {kind}"))
+            path.write_bytes(data)
+            said = complaint(read)
+            path.write_text(text, encoding="utf-8")
+            if said is not None:
                 (folder / f"bad-{seed}-{number}-{kind}").write_bytes(data)
                 print(f"seed {seed}, number {number}, {kind}: {said}", flush=True)
 

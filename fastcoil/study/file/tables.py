@@ -3,6 +3,7 @@
 The models also say what the JSON Schema adds to their types; the checks of values are those of whoever uses them.
 """
 
+import re
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
@@ -21,6 +22,7 @@ _DEEPEST = 20  # tables and lists inside each other: a study needs five
 LONGEST_KEY = 200  # characters; keys are labels of axes too
 _LARGEST_NUMBER = 8192  # bits; Python shows no number that is much longer
 _FLATTEN = f"give at most {_DEEPEST}"
+_ENDLESS_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_DEEPEST},}}""")
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
@@ -29,10 +31,13 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
     ``InputError`` if it is not TOML; for tables in tables without end, keys and numbers too long to be shown, and the
     character NUL in a text, at which the files of results would end it.
     """
+    without_end = f"{name} has tables or lists inside each other without end: {_FLATTEN}"
+    if _ENDLESS_KEY.search(text):  # the parser takes memory by the square of the dots in a key
+        raise InputError(without_end)
     try:
         tables = tomllib.loads(text.replace("\r\n", "\n"))
     except RecursionError:
-        raise InputError(f"{name} has tables or lists inside each other without end: {_FLATTEN}") from None
+        raise InputError(without_end) from None
     except ValueError as error:  # also of a number with more digits than Python reads
         reason = str(error)
         short = reason if len(reason) <= 300 else reason[:200] + " … " + reason[-60:]

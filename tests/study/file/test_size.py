@@ -43,6 +43,7 @@ def test_tables_and_lists_inside_each_other_have_an_end():
     )
     # deeper than Python goes, or not, where hypothesis has raised its limit
     assert "give at most 20" in only_problem(parse_toml, "x = " + "[" * 5000 + "]" * 5000, "s.toml")
+    assert "give at most 20" in only_problem(parse_toml, "a." * 300_000 + "b = 1", "s.toml")
 
 
 @pytest.mark.parametrize(
