@@ -372,10 +372,6 @@ class Shard:
             for half in np.array_split(np.arange(self.lanes.size), 2)
         ]
 
-    def includes(self, other: Shard) -> bool:
-        """Whether another shard, which comes after one of its halves, is part of it."""
-        return other.days.start in self.days
-
     def after(self, part: xr.Dataset) -> Shard | None:
         """The shard that follows this one, given its results; None at the end of a chain."""
         return self.begun(part[END_STATE].values) if self.days.stop < self.end else None

@@ -30,7 +30,7 @@ from fastcoil.study.folder.manifest import Environment, Manifest
 from fastcoil.study.folder.merge import merge, study_attributes
 from fastcoil.study.folder.result_files import WORDS, finished_manifest, reworded
 from fastcoil.study.folder.results import Computed, is_current, is_of, match_scenarios, open_study
-from fastcoil.study.workers.dispatch import Dispatcher
+from fastcoil.study.workers.dispatch import run_shards
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool
 from fastcoil.study.workers.user_code import load, load_rules
 from fastcoil.study.workers.worker import Job
@@ -271,7 +271,7 @@ def _run(
     recorded, first = store.records(manifest, study.text), None
     with closing(make_pool(asked.backend, job, asked.n_jobs, asked.scheduler)) as pool:
         n_jobs = pool.n_workers  # a cluster may have another number
-        for part in Dispatcher(pool, job).run(first_shards(plan, n_jobs, work.missing, work.reached)):
+        for part in run_shards(pool, job, first_shards(plan, n_jobs, work.missing, work.reached)):
             for environment in environments_of(part):
                 if environment not in manifest.computed_on:
                     _warn_of_difference(store.path, environment, manifest.computed_on)

@@ -11,7 +11,7 @@ import xarray as xr
 from fastcoil.loops.plan import END_STATE, Shard
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.workers import dispatch
-from fastcoil.study.workers.dispatch import Dispatcher
+from fastcoil.study.workers.dispatch import run_shards
 from helpers.processes import N_SCENARIOS
 
 
@@ -40,21 +40,19 @@ def answer_to(shard):
 
 
 class Pool:
-    """A pool whose workers die of some scenarios, and now and then of nothing; time passes only in ``wait``."""
+    """A pool whose workers die of some scenarios, and now and then of nothing."""
 
     deaths = (Died,)
 
-    def __init__(self, n_workers, *, falls_together, culprits=(), hangs=(), clumsy=0.0, seed=0):
-        self.n_workers, self.falls_together, self.can_kill = n_workers, falls_together, True
-        self.culprits, self.hanging, self.clumsy = set(culprits), set(hangs), clumsy
+    def __init__(self, n_workers, *, falls_together, culprits=(), clumsy=0.0, seed=0):
+        self.n_workers, self.falls_together = n_workers, falls_together
+        self.culprits, self.clumsy = set(culprits), clumsy
         self.dice = random.Random(seed)
-        self.flying, self.shards, self.broken, self.now = {}, {}, False, 0.0
-        self.runs, self.most_flying, self.n_restarts = [], 0, 0
+        self.flying, self.shards = {}, {}
+        self.runs, self.most_flying, self.n_deaths = [], 0, 0
 
     def submit(self, shard):
         index = shard.index
-        if self.broken:
-            raise Died
         assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
         future = cf.Future()
         self.flying[future] = index.tolist()
@@ -64,25 +62,16 @@ class Pool:
             self._let_die(future)
         return future
 
-    def stalled(self, seconds):
-        pass
-
-    def restart(self):
-        self.broken = False
-        self.flying.clear()
-        self.n_restarts += 1
-
     def _let_die(self, future):
         lost = list(self.flying) if self.falls_together else [future]
         for one in lost:
             if not one.done():
                 one.set_exception(Died())
-        self.broken = self.falls_together
+        self.n_deaths += 1
 
-    def wait(self, futures, timeout, return_when):
-        """Some shard ends, one way or the other, unless all of them hang."""
-        self.now += timeout
-        able = [f for f in futures if not f.done() and not self.hanging.intersection(self.flying[f])]
+    def wait(self, futures, return_when):
+        """Some shard ends, one way or the other."""
+        able = [f for f in futures if not f.done()]
         for future in self.dice.sample(able, min(len(able), self.dice.randint(1, 2))):
             if future.done():
                 continue
@@ -98,13 +87,12 @@ class Pool:
         return done, set(futures) - done
 
 
-def found(pool, job, shards, status=None, **options):
+def found(pool, job, shards, status=None):
     """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
     status = {} if status is None else status
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dispatch, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
-        patch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: pool.now))
-        for part in Dispatcher(pool, job, **options).run(shards):
+        for part in run_shards(pool, job, shards):
             for k, flag in zip(part["scenario"].values.tolist(), part["status"].values.tolist(), strict=True):
                 assert k not in status, "a scenario is found twice"
                 status[k] = flag

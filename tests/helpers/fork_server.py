@@ -73,7 +73,6 @@ class Serial:
 
     n_workers = 1
     deaths: tuple = ()
-    falls_together = can_kill = False
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -82,9 +81,6 @@ class Serial:
         future: Future = Future()
         future.set_result(run_scenarios(self.job, shard))
         return future
-
-    def stalled(self, seconds: float) -> None:
-        pass
 
     def close(self) -> None:
         pass

@@ -6,18 +6,17 @@ A pool takes shards as ``concurrent.futures`` do; pools differ only in what happ
 import asyncio
 import concurrent.futures as cf
 import contextlib
-import ipaddress
 import os
 import pickle
 import queue
 import tempfile
-import time
 import warnings
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
 
-from fastcoil.base.errors import FastcoilError, InputError, missing_extra, shown
+from fastcoil.base.errors import FastcoilError, InputError, StorageError, missing_extra, shown
 from fastcoil.base.files import storage_errors
 from fastcoil.loops.plan import Shard
 from fastcoil.loops.simulate import within
@@ -34,29 +33,20 @@ from fastcoil.study.workers.worker import (
 
 BACKENDS = ("threads", "loky", "dask")
 _TEMPORARY = Path("the folder for temporary files")
-_WAIT_FOR_SCHEDULER, _WAIT_FOR_WORKERS, _WAIT_FOR_ANSWER, _BEFORE_NEXT_TRY = 10.0, 60.0, 5.0, 0.5  # seconds
+_WAIT_FOR_SCHEDULER, _WAIT_FOR_WORKERS = 10.0, 60.0  # seconds
 
 
 class Pool(Protocol):
     """Workers that run shards of one job.
 
-    deaths: exceptions that say that the worker of a shard is gone.  falls_together: whether the shards in flight
-    are lost with it.  can_kill: whether a shard that hangs can be stopped.
+    deaths: exceptions that say that the worker of a shard is gone, which is then replaced.
     """
 
     n_workers: int
     deaths: tuple[type[BaseException], ...]
-    falls_together: bool
-    can_kill: bool
 
     def submit(self, shard: Shard) -> cf.Future[Any]:
         """Start a shard; the future gives its flat Dataset."""
-
-    def stalled(self, seconds: float) -> None:
-        """Warn, or end the run, if no shard has finished for so many seconds and that has a reason."""
-
-    def restart(self) -> None:
-        """Replace workers that died or hang."""
 
     def close(self) -> None:
         """Stop all workers; shards in flight are lost."""
@@ -66,8 +56,6 @@ class Threads:
     """Threads: the kernels release the interpreter's lock, and nothing is copied."""
 
     deaths: tuple[type[BaseException], ...] = (MemoryError,)
-    falls_together = False
-    can_kill = False
 
     def __init__(self, job: Job, n_workers: int) -> None:
         self.n_workers = n_workers
@@ -77,12 +65,6 @@ class Threads:
     def submit(self, shard: Shard) -> cf.Future[Any]:
         return self._executor.submit(run_scenarios, self._job, shard)
 
-    def stalled(self, seconds: float) -> None:
-        pass
-
-    def restart(self) -> None:
-        pass
-
     def close(self) -> None:
         self._executor.shutdown(wait=False, cancel_futures=True)
 
@@ -90,13 +72,13 @@ class Threads:
 class Loky:
     """Processes: a scenario, or a user's reduction, that crashes takes only its worker down.
 
+    What is in flight then fails, and the next shard is given to new workers.
+
     Job and shards go through files: the library writes into a pipe, and waits for ever if the process is dead before it
     has read all of it.
     """
 
     deaths: tuple[type[BaseException], ...] = (cf.BrokenExecutor, MemoryError)
-    falls_together = True
-    can_kill = True
 
     def __init__(self, job: Job, n_workers: int) -> None:
         self.n_workers = n_workers
@@ -107,10 +89,11 @@ class Loky:
         from joblib.externals.loky import ProcessPoolExecutor
 
         with storage_errors(_TEMPORARY, "written"):
-            self._folder = tempfile.TemporaryDirectory(prefix="fastcoil-")
+            self._folder = tempfile.TemporaryDirectory(prefix="fastcoil-", ignore_cleanup_errors=True)
         self._names = (Path(self._folder.name) / str(k) for k in count())
         started_with = self._filed(self._job), os.getpid()
-        return ProcessPoolExecutor(self.n_workers, initializer=begin_process, initargs=started_with)
+        with _start_errors():
+            return ProcessPoolExecutor(self.n_workers, initializer=begin_process, initargs=started_with)
 
     def _filed(self, content: object) -> Path:
         path = next(self._names)
@@ -119,14 +102,13 @@ class Loky:
         return path
 
     def submit(self, shard: Shard) -> cf.Future[Any]:
-        return self._executor.submit(run_from_file, self._filed(shard))  # type: ignore[no-any-return]
-
-    def stalled(self, seconds: float) -> None:
-        pass
-
-    def restart(self) -> None:
-        self.close()
-        self._executor = self._start()
+        with _start_errors():
+            try:
+                return self._executor.submit(run_from_file, self._filed(shard))  # type: ignore[no-any-return]
+            except cf.BrokenExecutor:  # a worker died, and what was in flight has failed
+                self.close()
+                self._executor = self._start()
+                return self._executor.submit(run_from_file, self._filed(shard))  # type: ignore[no-any-return]
 
     def close(self) -> None:
         # the library forgets pending work but keeps its numbers, and then looks for them in vain
@@ -134,15 +116,24 @@ class Loky:
             while True:
                 self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
-        with contextlib.suppress(OSError):  # others also clean up there
-            self._folder.cleanup()
+        self._folder.cleanup()
+
+
+@contextlib.contextmanager
+def _start_errors() -> Iterator[None]:
+    try:
+        yield
+    except StorageError:
+        raise
+    except OSError as error:
+        raise StorageError(
+            f"the processes of --backend loky cannot be started: {error.strerror or error}; raise the limits of open "
+            "files and processes (ulimit -n, -u), use fewer workers with -j, or the backend threads"
+        ) from error
 
 
 class Dask:
     """The dask cluster at ``scheduler``, which replaces its workers itself if it can."""
-
-    falls_together = False
-    can_kill = False
 
     def __init__(self, job: Job, scheduler: str) -> None:
         try:
@@ -151,10 +142,13 @@ class Dask:
             raise missing_extra("the backend dask", "dask and distributed", "dask") from None
         # when the scheduler is lost, futures are cancelled
         self.deaths: tuple[type[BaseException], ...] = (distributed.KilledWorker, cf.CancelledError, MemoryError)
-        self._scheduler, self._said = scheduler, 0.0
-        self._client = connect(scheduler)
         try:
-            self._identity = self._find_identity()
+            within(None, lambda: asyncio.run(_shake_hands(scheduler)))  # in a notebook this thread has an event loop
+            self._client = distributed.Client(scheduler, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
+        except Exception as error:  # the library may raise anything at an unexpected answer
+            raise _no_answer(scheduler, error) from None
+        try:
+            self._identity = self._find_identity(scheduler)
             self.n_workers = sum(self._client.nthreads().values())
             self._executor = self._client.get_executor(pure=False)
             with warnings.catch_warnings():
@@ -164,23 +158,13 @@ class Dask:
             self.close()
             raise
 
-    def _find_identity(self) -> tuple[str, str]:
+    def _find_identity(self, scheduler: str) -> tuple[str, str]:
         """The identity of all workers; refuse them if their results would not be bit-identical."""
-        end = time.monotonic() + _WAIT_FOR_WORKERS
-        while True:
-            try:
-                self._client.wait_for_workers(1, timeout=_WAIT_FOR_WORKERS)
-                found: set[tuple[str, str]] = set(
-                    within(_WAIT_FOR_WORKERS, lambda: self._client.run(identity)).values()
-                )
-                break
-            except Exception as error:  # the library raises many things where a worker dies meanwhile
-                if isinstance(error, TimeoutError) or time.monotonic() > end:
-                    raise InputError(
-                        f"the dask scheduler at {self._scheduler} has no workers, or one that does not answer: start "
-                        f"one with `dask worker {self._scheduler}`"
-                    ) from None
-            time.sleep(_BEFORE_NEXT_TRY)
+        try:
+            self._client.wait_for_workers(1, timeout=_WAIT_FOR_WORKERS)
+            found: set[tuple[str, str]] = set(within(_WAIT_FOR_WORKERS, lambda: self._client.run(identity)).values())
+        except Exception as error:
+            raise _no_answer(scheduler, error) from None
         if {model for model, _ in found} != {model_sha256()}:
             raise InputError(
                 "the workers of the dask cluster run another version of fastcoil: install this version there"
@@ -197,57 +181,12 @@ class Dask:
             raise FastcoilError("the dask scheduler is gone: start one and run the same command again to resume")
         return self._executor.submit(run_elsewhere, self._job, shard, self._identity)  # type: ignore[no-any-return]
 
-    def stalled(self, seconds: float) -> None:
-        if seconds < self._said:  # one has finished since
-            self._said = 0.0
-        if seconds < max(_WAIT_FOR_WORKERS, 3.0 * self._said):
-            return
-        self._said = seconds
-        n_workers = 1
-        with contextlib.suppress(Exception):  # whatever a cluster that breaks down raises
-            n_workers = len(within(_WAIT_FOR_ANSWER, self._client.nthreads))
-        if not n_workers:
-            raise FastcoilError(
-                f"the dask cluster at {self._scheduler} has no workers any more: start some and run the same command "
-                "again to resume"
-            )
-        warnings.warn(
-            f"no shard has finished for {seconds:.0f} s: the workers of the dask cluster are busy with other work, "
-            "or hang",
-            stacklevel=2,
-        )
-
-    def restart(self) -> None:
-        pass
-
     def close(self) -> None:
         with contextlib.suppress(Exception):  # what was computed must not be lost for a cluster that is slow to end
-            self._client.close(timeout=_WAIT_FOR_ANSWER)
+            self._client.close(timeout=5.0)
 
 
-def connect(address: str) -> Any:
-    """A client of the dask scheduler at an address; ``InputError`` if none answers there."""
-    import distributed
-
-    try:
-        within(None, lambda: asyncio.run(_check_answers(address)))  # in a notebook this thread has an event loop
-        client = distributed.Client(address, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
-    except Exception as error:  # the library may raise anything at an unexpected answer
-        reason = str(error) or type(error).__name__
-        raise InputError(
-            f"no dask scheduler answers at {address!r} ({reason}): give the address it printed when it started, "
-            "such as tcp://host:8786, and for tls:// dask's settings of the certificates"
-        ) from None
-    if not _is_guarded(address):
-        warnings.warn(
-            f"anyone who can reach the dask scheduler at {address}, or its workers, can run code as you: use tls:// on "
-            "a network that you do not trust",
-            stacklevel=2,
-        )
-    return client
-
-
-async def _check_answers(address: str) -> None:
+async def _shake_hands(address: str) -> None:
     """Raise an exception if no dask answers there: a client would wait for ever for a server that says nothing."""
     from distributed import Security
     from distributed.comm import connect
@@ -257,13 +196,12 @@ async def _check_answers(address: str) -> None:
     comm.abort()
 
 
-def _is_guarded(address: str) -> bool:
-    """Whether foreign connections are refused, by certificates or because only this machine can reach the address."""
-    protocol, _, place = address.rpartition("://")
-    host = place.rpartition(":")[0].strip("[]")
-    with contextlib.suppress(ValueError):
-        return protocol == "tls" or host == "localhost" or ipaddress.ip_address(host).is_loopback
-    return False
+def _no_answer(scheduler: str, error: Exception) -> InputError:
+    return InputError(
+        f"no dask cluster answers at {scheduler!r} ({str(error) or type(error).__name__}): give the address that the "
+        "scheduler printed when it started, such as tcp://host:8786, with at least one worker, and for tls:// dask's "
+        "settings of the certificates"
+    )
 
 
 def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:

@@ -1,15 +1,18 @@
 """A backend that is not available, or workers whose results would not be bit-identical, are refused in a sentence."""
 
+import shutil
 import signal
 import socket
+import subprocess
 import sys
 import threading
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers.processes import STUDY, cluster, wait_for
+from helpers.processes import STUDY, cluster, ended, started, wait_for
 
+import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
@@ -67,7 +70,7 @@ def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
 def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
     monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.5)
     said = refused(here, "small.toml", "--backend", "dask", "--scheduler", address)
-    assert f"no dask scheduler answers at '{address}'" in said
+    assert f"no dask cluster answers at '{address}'" in said
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
@@ -92,15 +95,15 @@ def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
         thread.join(5)
         for connection in talking:
             connection.close()
-    assert "no dask scheduler answers at" in said
+    assert "no dask cluster answers at" in said
 
 
 def test_a_scheduler_without_workers_is_refused(here, monkeypatch, tmp_path):
     monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
     with cluster(tmp_path / "cluster", 0) as alone:
         said = refused(here, "small.toml", "--backend", "dask", "--scheduler", alone.address)
-    assert f"fastcoil: the dask scheduler at {alone.address} has no workers" in said
-    assert said.endswith(f"start one with `dask worker {alone.address}`")
+    assert f"fastcoil: no dask cluster answers at '{alone.address}'" in said
+    assert "with at least one worker" in said
 
 
 @pytest.mark.full
@@ -111,7 +114,7 @@ def test_workers_that_do_not_answer_are_refused(here, monkeypatch, tmp_path):
         frozen.processes[-1].send_signal(signal.SIGSTOP)
         monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
         said = refused(here, "small.toml", "--backend", "dask", "--scheduler", frozen.address)
-    assert "has no workers, or one that does not answer" in said
+    assert "no dask cluster answers at" in said
 
 
 @pytest.mark.parametrize("missing", ["distributed", "dask"])
@@ -152,3 +155,46 @@ def test_a_worker_that_joins_later_and_differs_refuses_to_work(small_study):
     assert found["status"].values.tolist() == [0, 0, 0]
     with pytest.raises(InputError, match="use workers of one kind"):
         run_elsewhere(job, Shard(np.arange(3)), (identity()[0], "another machine"))
+
+
+CERTIFICATE = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=127.0.0.1 -keyout key.pem -out cert.pem"
+
+
+@pytest.fixture
+def certified(tmp_path):
+    """Environment of dask programs that share a certificate, and speak to nobody else."""
+    if shutil.which("openssl") is None:
+        pytest.skip("there is no openssl to make certificates with")
+    subprocess.run(CERTIFICATE.split(), cwd=tmp_path, check=True, capture_output=True)
+    settings = {"CA_FILE": "cert"} | {
+        f"{who}__{what}": what.lower() for who in ("SCHEDULER", "WORKER", "CLIENT") for what in ("CERT", "KEY")
+    }
+    env = {f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(tmp_path / f"{file}.pem") for name, file in settings.items()}
+    return env | {"DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true"}
+
+
+@pytest.mark.full
+def test_a_cluster_with_certificates_gives_the_same_bits_and_refuses_all_others(
+    small_study, golden, tmp_path, certified
+):
+    with cluster(tmp_path / "cluster", 1, "--no-nanny", protocol="tls", **certified) as found:
+        assert found.address.startswith("tls://")
+        words = ("-m", "fastcoil", "run", small_study, "--backend", "dask", "--scheduler", found.address)
+        code, _, err = ended(started(*words, "--no-figures", "-o", "out", cwd=tmp_path, **certified))
+        assert code == 0, err
+        code, _, err = ended(started(*words, "--no-figures", "-o", "other", cwd=tmp_path))
+        assert code == 2
+        assert "no dask cluster answers at 'tls://" in err
+        assert "dask's settings of the certificates" in err
+    assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == golden
+
+
+def test_too_few_open_files_for_processes_end_a_run_with_4(here):
+    limited = "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (12, 12))"
+    script = f"{limited}; from fastcoil.__main__ import run; run()"
+    words = ("run", "small.toml", "--backend", "loky", "-j", "1", "--no-figures")
+    code, _, err = ended(started("-c", script, *words, cwd=here))
+    assert code == 4
+    said = [line for line in err.splitlines() if line.startswith("fastcoil: ")]
+    assert said[-1].startswith("fastcoil: the processes of --backend loky cannot be started: Too many open files")
+    assert "Traceback" not in err

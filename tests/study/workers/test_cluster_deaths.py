@@ -8,36 +8,22 @@ from click.testing import CliRunner
 from helpers import failing_shards
 from helpers.processes import N_SCENARIOS, check_crashed, cluster, cut
 
-from fastcoil.base.errors import FastcoilError
 from fastcoil.cli.main import main
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.run import execute
-from fastcoil.study.workers import pools
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180), pytest.mark.usefixtures("leaves_nothing")]
 
 
 @pytest.mark.alone
-@pytest.mark.filterwarnings("ignore:no shard has finished")
-@pytest.mark.parametrize("harm", [failing_shards.killed, pytest.param(failing_shards.stops, marks=pytest.mark.full)])
-def test_a_cluster_that_loses_a_worker_goes_on_and_one_without_any_is_reported_and_no_scenario_blamed(
-    study, golden, tmp_path, monkeypatch, harm
-):
+def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, monkeypatch):
     cut(monkeypatch, 10)
-    hung = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "3s"}
-    with cluster(tmp_path / "cluster", 2, "--no-nanny", **hung) as found:
+    with cluster(tmp_path / "cluster", 2, "--no-nanny") as found:
         with found.client() as client:
             client.wait_for_workers(2, timeout=30)
         harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=tmp_path / "once")
         finished = execute(harmed, tmp_path / "one", backend="dask", scheduler=found.address)
         assert [p.poll() for p in found.processes].count(-signal.SIGKILL) == 1
-        assert finished.results.attrs["content_sha256"] == golden
-        monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 2.0)
-        harmed = failing_shards.harmful(study, harm, [135])
-        with pytest.raises(FastcoilError, match="has no workers any more"):
-            execute(harmed, tmp_path / "out", backend="dask", scheduler=found.address)
-    finished = execute(study, tmp_path / "out")
-    assert finished.n_run <= 60
     assert finished.results.attrs["content_sha256"] == golden
 
 

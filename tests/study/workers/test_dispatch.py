@@ -26,17 +26,14 @@ FULL = bool(os.environ.get("FASTCOIL_FULL"))
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
     culprits=st.sets(st.integers(0, N - 1), max_size=4),
-    hangs=st.sets(st.integers(0, N - 1), max_size=2),
     size=st.integers(1, N),
     seed=st.integers(0, 99),
 )
-def test_exactly_the_scenarios_that_kill_or_hang_are_crashed(
-    job, n_workers, falls_together, culprits, hangs, size, seed
-):
-    pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, hangs=hangs, seed=seed)
-    status = found(pool, job, in_shards(size), time_limit=5.0)
+def test_exactly_the_scenarios_that_kill_are_crashed(job, n_workers, falls_together, culprits, size, seed):
+    pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, seed=seed)
+    status = found(pool, job, in_shards(size))
     assert sorted(status) == list(range(N))
-    assert {k for k, flag in status.items() if flag != STATUS_OK} == culprits | hangs
+    assert {k for k, flag in status.items() if flag != STATUS_OK} == culprits
     assert {flag for flag in status.values()} <= {STATUS_OK, STATUS_CRASHED}
     assert pool.most_flying <= n_workers + 1
 
@@ -67,8 +64,8 @@ class Unlucky:
         return {self.scenario} if dies else set()
 
 
-@pytest.mark.parametrize(("deaths", "status"), [(1, STATUS_OK), (2, STATUS_OK), (3, STATUS_CRASHED)])
-def test_a_scenario_is_blamed_only_when_it_dies_alone_twice(job, deaths, status):
+@pytest.mark.parametrize(("deaths", "status"), [(1, STATUS_OK), (2, STATUS_CRASHED)])
+def test_a_scenario_is_blamed_only_when_it_dies_alone_too(job, deaths, status):
     pool = Pool(1, falls_together=True)
     pool.culprits = Unlucky(5, deaths)
     found_status = found(pool, job, in_shards(1))
@@ -111,7 +108,7 @@ def test_the_first_single_scenario_without_memory_ends_the_run(job, monkeypatch)
     pool.submit = lambda shard: submitted.append(shard.size) or submit(shard)
     with pytest.raises(StorageError, match="not even a single scenario"):
         found(pool, job, [Shard(np.arange(4)), Shard(np.arange(4, 8))])
-    assert submitted == [4, 4, 4, 2, 1, 1]
+    assert submitted == [4, 4, 4, 2, 1]
 
 
 def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
@@ -136,13 +133,13 @@ def test_one_bad_scenario_in_a_large_shard_takes_few_deaths(job):
     status = found(pool, job, in_shards(n, n))
     assert [k for k, flag in status.items() if flag == STATUS_CRASHED] == [777_777]
     assert len(status) == n
-    assert pool.n_restarts <= 24
+    assert pool.n_deaths <= 24
 
 
 def test_an_interrupt_of_a_worker_ends_the_run(job):
     pool = Pool(1, falls_together=False)
 
-    def interrupted(futures, timeout, return_when):
+    def interrupted(futures, return_when):
         for future in futures:
             future.set_exception(Interrupt())
         return set(futures), set()
@@ -156,12 +153,12 @@ def test_an_error_that_is_no_death_ends_the_run_with_what_was_found_before(job):
     pool = Pool(1, falls_together=False)
     wait = pool.wait
 
-    def with_an_error(futures, timeout, return_when):
+    def with_an_error(futures, return_when):
         if len(pool.runs) >= 48:
             for future in futures:
                 future.set_exception(InputError("no reduction"))
             return set(futures), set()
-        return wait(futures, timeout, return_when)
+        return wait(futures, return_when)
 
     pool.wait = with_an_error
     with pytest.raises(InputError, match="no reduction"):
