@@ -89,16 +89,7 @@ def test_mistakes_in_the_code_are_found_before_anything_is_computed_together_wit
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("looked_for", ["next to the study", "anywhere"])
-def test_looking_at_a_folder_runs_no_code_of_its_study(path, trace, run_before, looked_for, monkeypatch):
-    if looked_for == "anywhere":  # the folder says where; another of its studies may be importable as well
-        elsewhere = path.parent / "elsewhere" / "package"
-        elsewhere.mkdir(parents=True)
-        (elsewhere / "__init__.py").write_text((path.parent / "mine.py").read_text())
-        (path.parent / "mine.py").rename(elsewhere / "mine.py")
-        monkeypatch.syspath_prepend(elsewhere.parent)
-        text = (run_before / "study.toml").read_text()
-        (run_before / "study.toml").write_text(text.replace("mine:spread", "package.mine:spread"))
+def test_looking_at_a_folder_runs_no_code_of_its_study(path, trace, run_before):
     # nothing of it is current, so that every command reads the study again
     (run_before / "results.nc").unlink()
     study = read_study(run_before / "study.toml", path.parent)

@@ -1,16 +1,14 @@
 """A study's own code, ``module:function``: a reduction of traces, an estimator or a control law.
 
-Its source is read as text, hashed with the study and sent to other processes; what an estimator or law declares is
-parsed from it.  Nothing is run here, nor of a package that the module is in: the study may come from a stranger.
+Its source, next to the study file, is read as text, hashed with the study and sent to other processes; what an
+estimator or law declares is parsed from it.  Nothing is run here: the study may come from a stranger.
 """
 
 import ast
 import hashlib
 import importlib.util
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +35,7 @@ class Source:
 
 
 def find_source(what: str, text: str, folder: Path) -> Source:
-    """Find ``module:function``: ``module.py`` in ``folder`` if there is one, else a module that can be imported.
+    """Find ``module:function``, the function in ``module.py`` in ``folder``.
 
     what: the word of the study file that names it.
     """
@@ -50,14 +48,7 @@ def find_source(what: str, text: str, folder: Path) -> Source:
     path = folder.joinpath(*parts).with_suffix(".py")
     require_usable(path, f"give {what} = {shown(text)} a shorter name")
     if not is_file(path):
-        spec = _importable(parts)
-        if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-            found = "no module" if spec is None else "no module written in Python"
-            raise InputError(
-                f"{given}: there is no {path}, and {found} {module} can be imported: put {path.name} next to the study "
-                "file, or install the module"
-            )
-        path = Path(spec.origin)
+        raise InputError(f"{given}: there is no {path}: put {path.name} next to the study file")
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares
         source.encode()
@@ -66,16 +57,6 @@ def find_source(what: str, text: str, folder: Path) -> Source:
     except (OSError, SyntaxError, ValueError, LookupError) as error:
         raise InputError(f"{given}: {path} cannot be read: {type(error).__name__}: {error}") from None
     return Source(text, source, path)
-
-
-def _importable(parts: Sequence[str]) -> ModuleSpec | None:
-    """Where a module would be imported from; ``importlib.util.find_spec`` imports the packages that it lies in."""
-    top, *rest = parts
-    spec = next((s for s in (finder.find_spec(top, None) for finder in sys.meta_path) if s is not None), None)
-    for part in rest:
-        folders = spec.submodule_search_locations if spec else None
-        spec = PathFinder.find_spec(part, list(folders)) if folders is not None else None
-    return spec
 
 
 def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Source], dict[str, Rule]]:

@@ -5,13 +5,13 @@ distribution turn its coordinates into values.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import whole_of
+from fastcoil.base.arguments import choice_of, whole_of
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
@@ -28,34 +28,14 @@ _SMALLEST_SHARE = 2.0**-32
 """A coordinate of the unit cube may be 0 or round to it; half a cell of the Sobol lattice is the least one used."""
 
 
-class Distribution(NamedTuple):
-    """A continuous distribution: the names of its arguments, what they must be, and how scipy.stats makes it."""
-
-    arguments: tuple[str, ...]
-    rule: str
-    make: Callable[..., Any]
-
-
-def _truncnorm(stats: Any, mean: float, std: float, low: float, high: float) -> Any:
-    return stats.truncnorm((low - mean) / std, (high - mean) / std, loc=mean, scale=std)
-
-
-def _triangular(stats: Any, low: float, mode: float, high: float) -> Any:
-    return stats.triang((mode - low) / (high - low), loc=low, scale=high - low)
-
-
 _ENDS = ("lowest", "highest")
-DISTRIBUTIONS: dict[str, Distribution] = {
-    "uniform": Distribution(_ENDS, "lowest < highest", lambda stats, a, b: stats.uniform(a, b - a)),
-    "loguniform": Distribution(_ENDS, "0 < lowest < highest", lambda stats, a, b: stats.loguniform(a, b)),
-    "truncnorm": Distribution(
-        ("mean", "standard deviation", *_ENDS), "lowest < highest and standard deviation > 0", _truncnorm
-    ),
-    "triangular": Distribution(
-        ("lowest", "most likely", "highest"), "lowest ≤ most likely ≤ highest, lowest < highest", _triangular
-    ),
+DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], str]] = {
+    "uniform": (_ENDS, "lowest < highest"),
+    "loguniform": (_ENDS, "0 < lowest < highest"),
+    "truncnorm": (("mean", "standard deviation", *_ENDS), "lowest < highest and standard deviation > 0"),
+    "triangular": (("lowest", "most likely", "highest"), "lowest ≤ most likely ≤ highest, lowest < highest"),
 }
-"""The continuous ones; ``choice`` exists besides."""
+"""The names of the arguments of each continuous distribution, and what they must be; ``choice`` exists besides."""
 
 
 def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
@@ -79,15 +59,8 @@ def sample_values(table: Mapping[str, Any], known: Mapping[str, Parameter] = PAR
     ``B`` along a dimension ``design``, and for each parameter ``A`` with only that parameter taken from ``B``
     (Saltelli et al. 2010, doi:10.1016/j.cpc.2009.09.018).
     """
-    problems = _find_setting_problems(table)
+    _check(table, known)
     names = sampled_names(table)
-    for name, shape in known_parameters({name: table[name] for name in names}, problems, known=known).items():
-        with collecting(problems):
-            _check_shape(known[name], shape)
-    if not names:
-        problems.append("no parameter is given: give at least one, such as backlash = { uniform = [0.02, 0.15] }")
-    if problems:
-        raise InputError(problems)
     method, both = table["method"], table["method"] == SALTELLI
     points = _points(method, table["size"], len(names) * (2 if both else 1), table.get("seed", 0))
     of_A = {name: _quantiles(table[name], points[:, k]) for k, name in enumerate(names)}
@@ -104,63 +77,55 @@ def sample_values(table: Mapping[str, Any], known: Mapping[str, Parameter] = PAR
     return found
 
 
-def _find_setting_problems(table: Mapping[str, Any]) -> list[str]:
+def _check(table: Mapping[str, Any], known: Mapping[str, Parameter]) -> None:
+    """Refuse all mistakes together; the loop checks the bounds of what is drawn."""
     needed = {"method": f"one of {', '.join(METHODS)}", "size": "the number of samples"}
     problems = [f"{name} is missing: give {what}" for name, what in needed.items() if name not in table]
-    method, size = table.get("method", METHODS[0]), table.get("size", 1)
-    if method not in METHODS:
-        hint = nearest(str(method), METHODS)
-        problems.append(f"method = {shown(method)}: unknown{hint}; choose one of {', '.join(METHODS)}")
+    given = {"method": METHODS[0], "size": 1, "seed": 0, **table}
     with collecting(problems):
-        size = whole_of("size", size, 1, LARGEST_SAMPLE)
-        if method in POWERS_OF_TWO and size & (size - 1):
-            below = 1 << (size.bit_length() - 1)
-            fitting = " or ".join(str(power) for power in (below, 2 * below) if power <= LARGEST_SAMPLE)
-            problems.append(f"size = {size}: a Sobol design is even only in powers of two, give {fitting}")
+        choice_of("method", given["method"], METHODS)
     with collecting(problems):
-        whole_of("seed", table.get("seed", 0), *RUN_LIMITS["seed"])
-    return problems
-
-
-def _check_shape(parameter: Parameter, shape: object) -> None:
-    """Refuse anything but a distribution for ``parameter``; the loop checks its bounds."""
-    name, known = parameter.name, (*DISTRIBUTIONS, CHOICE)
-    if not isinstance(shape, dict) or len(shape) != 1:
-        raise InputError(
-            f"{name} = {shown(shape)}: give one distribution, such as {{ uniform = [lowest, highest] }}; "
-            f"known: {', '.join(known)}"
-        )
-    ((kind, arguments),) = shape.items()
-    problem = None
-    if kind == CHOICE:
-        if not isinstance(arguments, list) or not arguments:
-            problem = "give a list of at least one value"
-        else:
-            _check_choice(parameter, arguments)
-    elif kind not in DISTRIBUTIONS:
-        problem = f"unknown distribution{nearest(kind, known)}; known: {', '.join(known)}"
-    elif parameter.is_word or parameter.whole:
-        values = ", ".join(f'"{word}"' for word in parameter.choices) if parameter.is_word else "…"
-        what = "a word" if parameter.is_word else "a whole number"
-        problem = f"{name} is {what}, use {{ choice = [{values}] }}"
-    else:
-        names, rule, _ = DISTRIBUTIONS[kind]
-        if not are_numbers(arguments, len(names)):
-            problem = f"give [{', '.join(names)}], {len(names)} finite numbers"
-        elif not np.isfinite(_ppf(kind, arguments, np.array(0.5))):
-            problem = f"give [{', '.join(names)}] with {rule}"
-    if problem:
-        raise InputError(f"{name} = {{ {kind} = {shown(arguments)} }}: {problem}")
-
-
-def _check_choice(parameter: Parameter, values: list[Any]) -> None:
-    problems = [problem for value in values if (problem := parameter.problem(value))]
-    if not problems:
-        twice = [value for value, count in Counter(values).items() if count > 1]
-        given = f"{parameter.name} = {{ {CHOICE} = {shown(values)} }}"
-        problems = [f"{given}: {value} appears twice, leave one out" for value in twice]
+        whole_of("size", given["size"], 1, LARGEST_SAMPLE)
+    with collecting(problems):
+        whole_of("seed", given["seed"], *RUN_LIMITS["seed"])
+    if not problems and given["method"] in POWERS_OF_TWO and given["size"].bit_count() > 1:
+        below = 1 << (given["size"].bit_length() - 1)
+        problems.append(f"size = {given['size']}: a Sobol design is even only in powers of two, such as {below}")
+    names = sampled_names(table)
+    for name, shape in known_parameters({name: table[name] for name in names}, problems, known=known).items():
+        problems += _find_problems(known[name], shape)
+    if not names:
+        problems.append("no parameter is given: give at least one, such as backlash = { uniform = [0.02, 0.15] }")
     if problems:
-        raise InputError(first_of(problems))
+        raise InputError(problems)
+
+
+def _find_problems(parameter: Parameter, shape: object) -> list[str]:
+    """A sentence if ``shape`` is no distribution for ``parameter``."""
+    name, kinds = parameter.name, (*DISTRIBUTIONS, CHOICE)
+    if not isinstance(shape, dict) or len(shape) != 1:
+        example = "{ uniform = [lowest, highest] }"
+        return [f"{name} = {shown(shape)}: give one distribution, such as {example}; known: {', '.join(kinds)}"]
+    ((kind, arguments),) = shape.items()
+    problems = []
+    if kind not in kinds:
+        problems = [f"unknown distribution{nearest(kind, kinds)}; known: {', '.join(kinds)}"]
+    elif kind == CHOICE and (not isinstance(arguments, list) or not arguments):
+        problems = ["give a list of at least one value"]
+    elif kind == CHOICE:
+        wrong = [problem for value in arguments if (problem := parameter.problem(value))]
+        if wrong:
+            return first_of(wrong)
+        problems = [f"{value} appears twice, leave one out" for value, n in Counter[Any](arguments).items() if n > 1]
+    elif parameter.is_word or parameter.whole:
+        problems = [f"{name} is a {'word' if parameter.is_word else 'whole number'}, use {{ {CHOICE} = […] }}"]
+    else:
+        names, rule = DISTRIBUTIONS[kind]
+        if not are_numbers(arguments, len(names)):
+            problems = [f"give [{', '.join(names)}], {len(names)} finite numbers"]
+        elif not np.isfinite(_ppf(kind, arguments, np.array(0.5))):
+            problems = [f"give [{', '.join(names)}] with {rule}"]
+    return first_of([f"{name} = {{ {kind} = {shown(arguments)} }}: {problem}" for problem in problems])
 
 
 def _points(method: str, size: int, dims: int, seed: int) -> np.ndarray:
@@ -179,7 +144,7 @@ def _quantiles(shape: Mapping[str, Any], share: np.ndarray) -> np.ndarray:
     if kind == CHOICE:
         values = np.array(arguments if isinstance(arguments[0], str) else [float(v) for v in arguments])
         return values[np.minimum((share * values.size).astype(np.int64), values.size - 1)]
-    low, high = (float(arguments[DISTRIBUTIONS[kind].arguments.index(end)]) for end in _ENDS)
+    low, high = (float(arguments[DISTRIBUTIONS[kind][0].index(end)]) for end in _ENDS)
     quantiles = _ppf(kind, arguments, np.clip(share, _SMALLEST_SHARE, 1.0 - 2.0**-53))
     return np.asarray(np.clip(quantiles, np.nextafter(low, high), np.nextafter(high, low)))
 
@@ -188,5 +153,16 @@ def _ppf(kind: str, arguments: Sequence[float], share: np.ndarray) -> Any:
     """Quantiles of a distribution; NaN where its arguments are none."""
     from scipy import stats
 
+    of = dict(zip(DISTRIBUTIONS[kind][0], np.array(arguments, dtype=float), strict=True))
+    low, high = of["lowest"], of["highest"]
     with np.errstate(all="ignore"):  # a range that overflows gives values that the loop refuses
-        return DISTRIBUTIONS[kind].make(stats, *np.array(arguments, dtype=float)).ppf(share)
+        if kind == "uniform":
+            frozen = stats.uniform(low, high - low)
+        elif kind == "loguniform":
+            frozen = stats.loguniform(low, high)
+        elif kind == "triangular":
+            frozen = stats.triang((of["most likely"] - low) / (high - low), low, high - low)
+        else:
+            mean, std = of["mean"], of["standard deviation"]
+            frozen = stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std)
+        return frozen.ppf(share)

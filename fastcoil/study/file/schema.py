@@ -56,7 +56,7 @@ def study_schema() -> Schema:
     search["properties"] = {n: _list_of([_ref(n), _ref(n)]) for n, p in PARAMETERS.items() if may_be_searched(p)}
     found["$defs"] |= {name: _admissible(parameter) for name, parameter in PARAMETERS.items()} | {
         "spacing": _one_of(dict.fromkeys(("linspace", "geomspace"), [_NUMBER, _NUMBER, whole(1, LONGEST_AXIS)])),
-        "drawn": _one_of({kind: [_NUMBER] * len(of.arguments) for kind, of in DISTRIBUTIONS.items()}),
+        "drawn": _one_of({kind: [_NUMBER] * len(names) for kind, (names, _) in DISTRIBUTIONS.items()}),
     }
     found["$defs"]["drawn"]["properties"][CHOICE] = _VALUES
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found, "title": "fastcoil study"}
