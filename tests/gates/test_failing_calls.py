@@ -7,10 +7,10 @@ import signal
 import warnings
 
 import pytest
-from helpers.calls import CHANGES, EVERY_NTH, FROM_THEN_ON, SHORT, Call
+from helpers.calls import CHANGES, FROM_THEN_ON, SHORT, Call
 from helpers.studies import TRACED, golden, run, unfinished
 
-from fastcoil.base.errors import EXIT_INPUT, EXIT_INTEGRITY, EXIT_STORAGE
+from fastcoil.base.errors import EXIT_INTEGRITY, EXIT_STORAGE
 from fastcoil.study import maintenance
 
 pytestmark = pytest.mark.kernel
@@ -18,8 +18,6 @@ pytestmark = pytest.mark.kernel
 FAILING = [Call.OPEN, Call.WRITE, Call.SYNC, Call.RENAME, Call.UNLINK, Call.MKDIR, Call.RMDIR]
 REASONS = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 """Disk full, broken, or used up by this user."""
-LARGE = 2**16
-"""Bytes of memory that may be refused."""
 
 
 @pytest.fixture
@@ -29,8 +27,7 @@ def command(watched, out):
     def run(**calls):
         shutil.rmtree(out, ignore_errors=True)
         words = ["run", str(out.with_name("study.toml")), "-o", str(out), "-j", "1", "--no-figures"]
-        order = calls if "least" in calls else {"folder": str(out), **calls}
-        return watched(TRACED, out, arguments=words, calls=order)
+        return watched(TRACED, out, arguments=words, calls={"folder": str(out), **calls})
 
     return run
 
@@ -112,37 +109,3 @@ def test_writes_that_are_cut_short_are_completed(command, out):
     code, seen, said = command(kinds=int(Call.WRITE), nth=1, reason=SHORT, often=FROM_THEN_ON)
     assert (code, seen > every) == (0, True), said
     check_ended(code, said, out)
-
-
-@pytest.mark.full
-def test_calls_that_are_interrupted_by_signals_are_given_again(command, out):
-    every = command(kinds=int(Call.WRITE))[1]
-    code, seen, said = command(kinds=int(Call.WRITE | Call.SYNC), nth=2, reason=errno.EINTR, often=EVERY_NTH)
-    assert (code, seen > every) == (0, True), said
-    check_ended(code, said, out)
-
-
-def refuse_memory(command, out, n):
-    """Refuse all large requests for memory after the first n: no wrong number comes of it."""
-    code, _, said = command(least=LARGE, allowed=n)
-    try:
-        assert "Traceback" not in said, said
-        if code == -signal.SIGSEGV:
-            assert crashed_in_hdf5(said), said
-        else:
-            assert code in (0, EXIT_INPUT, EXIT_STORAGE, EXIT_INTEGRITY), (code, said)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a shard for which there was no memory may have been set aside
-            assert run(TRACED, out) == golden(TRACED)
-        assert maintenance.verify(out) == []
-    except BaseException as error:
-        error.add_note(f"large requests for memory refused after {n}, exit code {code}")
-        raise
-
-
-@pytest.mark.full
-def test_too_little_memory_ends_the_run_with_a_sentence(command, out):
-    n_requests = command(least=LARGE, allowed=-1)[1]
-    assert n_requests > 20
-    for n in range(n_requests):
-        refuse_memory(command, out, n)

@@ -110,39 +110,15 @@ def kill_and_restart(command, out, undisturbed, step, *words):
     assert {p: p.stat().st_mtime_ns for p in before} == before
 
 
-def step_of(file, steps):
-    """Which file it is that gets its name; the shards come after the first two."""
-    return {"shard": 4, "traces": steps - 3, "results": steps - 2, "last figure": steps}[file]
-
-
-@pytest.mark.parametrize("file", [pytest.param("traces", marks=pytest.mark.full), "last figure"])
-def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed, file):
+def test_a_command_that_is_killed_and_given_again_leaves_the_same_files(command, out, undisturbed):
     found, steps = undisturbed
     kept = [name for name in found if not name.endswith("/") and not name.startswith(".")]
     assert len(kept) == len(FILES)
     assert steps > len(FILES)  # the shards too
-    kill_and_restart(command, out, undisturbed, step_of(file, steps), "-j", "2")
-
-
-@pytest.mark.full
-def test_figures_of_a_smaller_version_are_drawn_again(command, forked, out, undisturbed):
-    smaller = STUDY.replace("[0.02, 0.07]", "[0.02]")
-    words = ["run", str(out.with_name("study.toml")), "-o", str(out), "-j", "1"]
-    assert forked(smaller, out, arguments=words)[0] == 0
-    assert command("--extend", "--no-figures")[0] == 0
-    assert command()[0] == 0
-    found = everything(out)
-    for name in ("figures/bands.png", "figures/inverse.png"):
-        assert found[name] == undisturbed[0][name]
+    kill_and_restart(command, out, undisturbed, steps, "-j", "2")
 
 
 @pytest.mark.full
 def test_a_command_that_is_killed_at_any_step_leaves_the_same_files(command, out, undisturbed):
     for step in range(1, undisturbed[1] + 1):
         kill_and_restart(command, out, undisturbed, step, "-j", "3")
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("file", ["shard", "traces", "results"])
-def test_another_kind_of_workers_leaves_the_same_files(command, out, undisturbed, file):
-    kill_and_restart(command, out, undisturbed, step_of(file, undisturbed[1]), "-j", "2", "--backend", "loky")

@@ -25,7 +25,6 @@ from fastcoil.measured.fit import Fit
 
 pytestmark = pytest.mark.kernel
 
-_SAMPLE = 400
 _LONGEST = 3000
 """Characters of a message."""
 _STUDY = """
@@ -230,35 +229,15 @@ def test_every_public_function_has_a_base_call(base_calls):
         assert set(parameters(base[0])) == set(parameters(public_calls()[name]))
 
 
-def _attacks(base_calls):
-    return [
+@pytest.mark.parametrize("n", [400, pytest.param(None, marks=pytest.mark.full)])
+def test_a_wrong_argument_gets_a_sentence(base_calls, n):
+    """Of all functions, arguments and wrong values some at random, or all."""
+    attacks = [
         (name, argument, value)
         for name, base in base_calls.items()
         for argument in parameters(base[0])
         for value in HOSTILE
     ]
-
-
-def test_a_wrong_argument_gets_a_sentence(base_calls):
-    attacks = random.Random(12).sample(_attacks(base_calls), _SAMPLE)
+    attacks = random.Random(12).sample(attacks, n or len(attacks))
     found = [fault for name, *attack in attacks for fault in faults(base_calls[name], name, *attack)]
     assert not found, "\n".join(found)
-
-
-@pytest.mark.full
-def test_every_wrong_argument_gets_a_sentence(base_calls):
-    found = [fault for name, *attack in _attacks(base_calls) for fault in faults(base_calls[name], name, *attack)]
-    assert not found, "\n".join(found)
-
-
-def test_a_missing_or_unknown_argument_is_a_type_error_of_python_or_a_sentence(base_calls):
-    for name, (function, arguments) in base_calls.items():
-        required = [n for n, p in inspect.signature(function).parameters.items() if p.default is p.empty]
-        for changed in (
-            arguments | {"no_such_argument": 1},
-            *({k: v for k, v in arguments.items() if k != n} for n in required),
-        ):
-            with pytest.raises(TypeError if "Loop" not in name else (TypeError, fc.InputError)) as caught:
-                function(**changed)
-            by_python = all("/fastcoil/" not in str(entry.path) for entry in caught.traceback)
-            assert isinstance(caught.value, fc.FastcoilError) or by_python, name

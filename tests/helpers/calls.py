@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 SHORT = -1
 """In place of an error: half of the bytes are written, and said to be."""
-ONCE, FROM_THEN_ON, EVERY_NTH = range(3)
-"""When calls fail: the n-th, all from the n-th on, the n-th, 2n-th, …"""
+ONCE, FROM_THEN_ON = range(2)
+"""When calls fail: the n-th, or all from the n-th on."""
 _SOURCE = Path(__file__).with_name("failing_calls.c")
 
 
@@ -57,7 +57,7 @@ class Record(NamedTuple):
 @cache
 def why_not() -> str:
     """Why the calls cannot be seen here, empty if they can."""
-    if os.uname().sysname != "Linux" or not hasattr(ctypes.CDLL(None), "__libc_malloc"):
+    if os.uname().sysname != "Linux" or not hasattr(ctypes.CDLL(None), "gnu_get_libc_version"):
         return "only with Linux and the GNU C library"
     return "" if shutil.which("cc") else "no C compiler: cc"
 
@@ -74,15 +74,11 @@ def watch(order: dict[str, Any], seen: mmap.mmap) -> None:
     """Start to watch this process, into which the library is loaded.  seen: takes the number of calls, 8 bytes.
 
     order: {"folder": …, "record": file that takes them all}, or {"folder": …, "kinds": what counts, "nth": the one to
-    fail, 0 for none, "reason": errno or SHORT, "often": ONCE, …}, or {"least": bytes, "allowed": how many requests for
-    so much memory are granted, -1 for all}.
+    fail, 0 for none, "reason": errno or SHORT, "often": ONCE, …}.
     """
     library = ctypes.CDLL(None)
     counter = ctypes.c_long.from_buffer(seen)
     faulthandler.enable()
-    if "least" in order:
-        library.refuse_memory(ctypes.c_size_t(order["least"]), ctypes.c_long(order["allowed"]), ctypes.byref(counter))
-        return
     target = os.open(order["record"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC) if "record" in order else -1
     if "record" in order:
         _mark_progress(library)

@@ -1,6 +1,6 @@
 /* Watches the calls on files inside one folder, for LD_PRELOAD: records them, and lets a chosen one fail.
 
-   It sees what every library does, HDF5 too.  Asleep until `watch_calls` or `refuse_memory` is called. */
+   It sees what every library does, HDF5 too.  Asleep until `watch_calls` is called. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -19,7 +19,7 @@
 enum call { OPEN = 1, WRITE = 2, TRUNCATE = 4, ALLOCATE = 8, SYNC = 16, RENAME = 32, UNLINK = 64, MKDIR = 128,
             RMDIR = 256, CLOSE = 512, MARK = 1024 };
 enum { FILES = 65536, SHORT = -1 };
-enum { ONCE, FROM_THEN_ON, EVERY_NTH };
+enum { ONCE, FROM_THEN_ON };
 
 struct record { uint32_t call; int32_t file; int64_t offset; uint32_t first, second; };
 
@@ -29,8 +29,6 @@ static int record_to = -1, failing, reason, how_often;
 static long nth, *seen;
 static char ours[FILES];
 static pthread_mutex_t one = PTHREAD_MUTEX_INITIALIZER;
-static size_t least;
-static long allowed, *asked;
 
 /* Calls from here on count; those of the kinds `calls` do.  reason: errno of the n-th, or -1 for a short write. */
 void watch_calls(const char *where, int record_file, int calls, long n, int why, int often, long *counter)
@@ -38,14 +36,6 @@ void watch_calls(const char *where, int record_file, int calls, long n, int why,
     snprintf(folder, sizeof folder, "%s", where);
     record_to = record_file, failing = calls, nth = n, reason = why, how_often = often, seen = counter;
     length = strlen(folder);
-}
-
-/* Every request for at least `bytes` fails after the first n; none does if n is negative. */
-void refuse_memory(size_t bytes, long n, long *counter)
-{
-    asked = counter;
-    allowed = n;
-    least = bytes;
 }
 
 static int inside(int at, const char *path, char *full)
@@ -80,7 +70,7 @@ static int enter(enum call call)
     ++*seen;
     if (!nth || *seen < nth)
         return 0;
-    return *seen == nth || how_often == FROM_THEN_ON || (how_often == EVERY_NTH && *seen % nth == 0);
+    return *seen == nth || how_often == FROM_THEN_ON;
 }
 
 static void put(const void *data, size_t n)
@@ -306,41 +296,3 @@ int mkdirat(int at, const char *path, mode_t mode)
 }
 
 int mkdir(const char *path, mode_t mode) { return mkdirat(AT_FDCWD, path, mode); }
-
-/* --- memory ------------------------------------------------------------------------------------------------------ */
-
-void *__libc_malloc(size_t);
-void *__libc_calloc(size_t, size_t);
-void *__libc_realloc(void *, size_t);
-void *__libc_memalign(size_t, size_t);
-
-static int refused(size_t n)
-{
-    if (!least || n < least)
-        return 0;
-    long k = __atomic_add_fetch(asked, 1, __ATOMIC_SEQ_CST);
-    if (allowed < 0 || k <= allowed)
-        return 0;
-    errno = ENOMEM;
-    return 1;
-}
-
-void *malloc(size_t n) { return refused(n) ? NULL : __libc_malloc(n); }
-void *calloc(size_t n, size_t each)
-{
-    size_t total;
-    return __builtin_mul_overflow(n, each, &total) || refused(total) ? NULL : __libc_calloc(n, each);
-}
-void *realloc(void *p, size_t n) { return refused(n) ? NULL : __libc_realloc(p, n); }
-void *memalign(size_t to, size_t n) { return refused(n) ? NULL : __libc_memalign(to, n); }
-void *aligned_alloc(size_t to, size_t n) { return refused(n) ? NULL : __libc_memalign(to, n); }
-int posix_memalign(void **found, size_t to, size_t n)
-{
-    if (refused(n))
-        return ENOMEM;
-    void *p = __libc_memalign(to, n);
-    if (!p)
-        return ENOMEM;
-    *found = p;
-    return 0;
-}
