@@ -14,9 +14,7 @@ from typing import Any
 import numpy as np
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.export.python import documented
 from fastcoil.deliver.export.values import (
-    Choice,
     Number,
     Record,
     Scope,
@@ -60,8 +58,8 @@ class Formulas(ABC):
 
     kind, rule: law or estimator, and its name.  pool: names that are taken.  names: by what they stand for, the same in
     every round.  kinds: of variables.  nothing: those that may be NaN; beside each is a flag, ``name_known``.  path:
-    the calls that led here.  facts: conditions that hold here.  definitions: of flags, by name.  unsteady: variables
-    that get several values.  out: the statements so far.
+    the calls that led here.  wanted: the name of what is evaluated.  facts: conditions that hold here.  definitions: of
+    flags, by name.  unsteady: variables that get several values.  out: the statements so far.
     """
 
     def __init__(self, kind: str, rule: str, names: Sequence[str]) -> None:
@@ -75,7 +73,7 @@ class Formulas(ABC):
 
     def _begin(self) -> None:
         """Begin a round: all but names, kinds and what may be NaN is found anew."""
-        self.constants: dict[str, tuple[Any, str]] = {}
+        self.constants: dict[str, Any] = {}
         self.unsteady: set[str] = set()
         self._afresh()
 
@@ -83,6 +81,7 @@ class Formulas(ABC):
         """Begin another function of the laws.  Returns the statements of the one before."""
         before = self.out
         self.path: Any = ()
+        self.wanted = "value"
         self.facts: set[str] = set()
         self.definitions: dict[str, ast.expr] = {}
         self.out = []
@@ -142,34 +141,39 @@ class Formulas(ABC):
             with self._aside(test, truth) as block:
                 found.append(run())
             blocks.append(block)
-        has_value = any(isinstance(one, (Number, Choice, tuple, Record)) for one in found)
-        if has_value and not any(blocks):
-            return self._chosen(test, *found)
-        for k, truth in enumerate((True, False) if has_value else ()):
-            with self._aside(test, truth) as block:
-                found[k] = self._bound(name, found[k], key, many=True)
-            blocks[k] += block
+        value = found[0]
+        if value is not found[1]:
+            value = self._merged(name, (found[0], found[1]), key, test, blocks)
         self.out += conditional(test, *blocks)
-        return found[0] if has_value or found[0] is found[1] else None
+        return value
 
-    def _chosen(self, test: ast.expr, yes: Any, no: Any) -> Any:
-        """One of two values."""
-        if isinstance(yes, tuple) and isinstance(no, tuple):
-            return tuple(self._chosen(test, *pair) for pair in zip(yes, no, strict=True))
+    def _merged(self, name: str, pair: tuple[Any, Any], key: Any, test: ast.expr, blocks: list[list[ast.stmt]]) -> Any:
+        """One of two values, which blocks of statements store in a variable where they differ."""
+        yes, no = pair
+        if isinstance(yes, tuple) and isinstance(no, tuple) and len(yes) == len(no):
+            parts = enumerate(zip(yes, no, strict=True), 1)
+            return tuple(self._merged(f"{name}_{k}", each, key, test, blocks) for k, each in parts)
         if isinstance(yes, Record) and isinstance(no, Record):
-            return Record(yes.cls, {n: self._chosen(test, one, no.fields[n]) for n, one in yes.fields.items()})
-        if not isinstance(yes, (Number, Choice)) or not isinstance(no, (Number, Choice)):
+            return Record(
+                yes.cls,
+                {
+                    n: self._merged(f"{name}_{n}", (one, no.fields[n]), key, test, blocks)
+                    for n, one in yes.fields.items()
+                },
+            )
+        if not isinstance(yes, Number) or not isinstance(no, Number):
             raise self._refusal("it chooses between classes or tables", "choose between their numbers")
-        if isinstance(yes, Number) and isinstance(no, Number) and repr(yes.value) == repr(no.value):
-            return yes if ast.unparse(yes.text) == ast.unparse(no.text) else Choice(test, yes, no)
-        return Choice(test, yes, no)
+        if yes.is_same(no) and self._is_steady(yes):
+            return yes
+        out = self._local(name, key)
+        for block, value, truth in zip(blocks, pair, (True, False), strict=True):
+            with self._aside(test, truth) as stored:
+                self._store(out, value)
+            block.extend(stored)
+        return self._variable(out)
 
-    def _store(self, name: str, value: Number | Choice) -> None:
+    def _store(self, name: str, value: Number) -> None:
         """``name`` = value, and whether it is a number, where that is not certain."""
-        if isinstance(value, Choice):
-            yes, no = value.yes, value.no
-            self._either(value.test, (lambda: self._store(name, yes), lambda: self._store(name, no)))
-            return
         kinds, flag = self.kinds, f"{name}_known"
         if not value.is_nothing and kinds.setdefault(name, "real" if name[:2] == "s." else value.kind) != value.kind:
             if kinds[name] != "real":
@@ -184,8 +188,8 @@ class Formulas(ABC):
         if ast.unparse(value.text) == name and not value.is_nothing:
             return
         if name in self.nothing:
-            self.facts.discard(flag)
             known = ast.Constant(not value.is_nothing) if not needs else joined(ast.And(), needs)
+            self.facts.discard(flag)
             self.out.append(assigned(flag, known))
             store = [ast.If(expression(flag), store, [])] if needs else store
         self.out += [] if value.is_nothing else store
@@ -200,7 +204,7 @@ class Formulas(ABC):
                 for n, one in value.fields.items()
             }
             return Record(value.cls, bound)
-        if not isinstance(value, (Number, Choice)) or (not many and value.is_atom and self._is_steady(value)):
+        if not isinstance(value, Number) or (not many and value.is_atom and self._is_steady(value)):
             return value
         out = self._local(name, key)
         if many:
@@ -212,16 +216,12 @@ class Formulas(ABC):
 
     def _is_steady(self, value: Any) -> bool:
         """Whether a value reads nothing that changes."""
-        return isinstance(value, (Number, Choice)) and not read_in(value.text) & {*self.unsteady, "s.w"}
+        return isinstance(value, Number) and not read_in(value.text) & {*self.unsteady, "s.w"}
 
     # kinds
 
-    def _number(self, value: Any, name: str = "value") -> Number:
-        """A value as an expression; name: of the variable that a choice is stored in."""
-        if isinstance(value, Choice):
-            name = self._local(value.name or name, ast.unparse(value.text))
-            self._store(name, value)
-            return self._variable(name)
+    def _number(self, value: Any) -> Number:
+        """A value that is a number."""
         if not isinstance(value, Number):
             raise self._refusal("it uses a class or a table as a number", "use its fields, or an index")
         return value
@@ -234,7 +234,8 @@ class Formulas(ABC):
             return constant(float(number.value))
         if number.kind == "whole":
             return Number(call_of("float", number.text))
-        return self._number(Choice(number.text, constant(1.0), constant(0.0), "as_number"))
+        numbers = (lambda: constant(1.0), lambda: constant(0.0))
+        return self._number(self._either(number.text, numbers, "as_number", ast.unparse(number.text)))
 
     def _whole(self, value: Any) -> Number:
         number = self._number(value)
@@ -243,6 +244,13 @@ class Formulas(ABC):
         return number
 
     # expressions
+
+    def _value_of(self, name: str, node: ast.expr, scope: Scope) -> Any:
+        """A value that will have a name."""
+        before, self.wanted = self.wanted, name
+        value = self._value(node, scope)
+        self.wanted = before
+        return value
 
     def _value(self, node: ast.expr, scope: Scope) -> Any:  # noqa: PLR0911 — one for each kind
         if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
@@ -270,7 +278,7 @@ class Formulas(ABC):
             if test.value is not None:
                 return self._value(body if test.value else orelse, scope)
             runs = (lambda: self._value(body, scope), lambda: self._value(orelse, scope))
-            return self._either(test.text, runs, "value", id(node))
+            return self._either(test.text, runs, self.wanted, id(node))
         if isinstance(node, ast.Subscript):
             return self._element(node, scope)
         if isinstance(node, ast.Call):
@@ -289,32 +297,31 @@ class Formulas(ABC):
         if name in scope.names:
             return scope.names[name]
         if name in cells:
-            return self._lifted(name, cells[name].cell_contents, "")
+            return self._lifted(name, cells[name].cell_contents)
         if name in python.__globals__:
-            return self._lifted(name, python.__globals__[name], python.__code__.co_filename)
+            return self._lifted(name, python.__globals__[name])
         if hasattr(builtins, name):
             return getattr(builtins, name)
         raise self._refusal(f"{name} has no value", "give it one before it is read")
 
-    def _lifted(self, name: str, value: Any, filename: str) -> Any:
+    def _lifted(self, name: str, value: Any) -> Any:
         """A name of the module: numbers become constants of the laws."""
         value = value.item() if isinstance(value, (np.number, np.bool_)) else value
         if isinstance(value, (int, float)):
             number = constant(value)
             if isinstance(value, bool) or not math.isfinite(value):
                 return number
-            return replace(number, text=ast.Name(self._module_constant(name, value, filename)))
+            return replace(number, text=ast.Name(self._module_constant(name, value)))
         if isinstance(value, (tuple, np.ndarray)) and not hasattr(value, "_fields"):
             if np.ndim(value) != 1:
                 raise self._refusal(f"{name} is a table of several dimensions", "use one table for each row")
             numbers = tuple(np.asarray(value, dtype=float).tolist())
-            return Table(self._module_constant(name, numbers, filename), numbers)
+            return Table(self._module_constant(name, numbers), numbers)
         return value
 
-    def _module_constant(self, name: str, value: Any, filename: str) -> str:
+    def _module_constant(self, name: str, value: Any) -> str:
         called = self._named(plain_text(name).strip("_").upper(), ("constant", repr(value)))
-        if called not in self.constants:
-            self.constants[called] = value, documented(filename, name)
+        self.constants[called] = value
         return called
 
     def _attribute(self, of: Any, node: ast.Attribute) -> Any:
@@ -375,10 +382,6 @@ class Formulas(ABC):
         """Whether a comparison holds, which none with NaN does but !=."""
         if type(sign) not in _SIGNS:
             raise self._refusal("it has is or in", "compare numbers")
-        if isinstance(left, Choice) and isinstance(right, Number):  # one of two constants, as the mode is
-            yes, no = (self._compared(sign, side, right).value for side in (left.yes, left.no))
-            if yes is not None and no is not None:
-                return constant(yes) if yes == no else Number(left.test if yes else negated(left.test), "flag")
         left, right = (self._real(one) if _is_flag(one) else self._number(one) for one in (left, right))
         if left.is_nothing or right.is_nothing:
             return constant(isinstance(sign, ast.NotEq))

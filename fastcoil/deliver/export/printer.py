@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from textwrap import wrap
 from typing import Any, ClassVar
 
 from fastcoil.deliver.export.source import Function, Laws, Named
@@ -50,17 +51,17 @@ class Printer:
         return self.number(value) if isinstance(value, float) else str(value)
 
     def listed(self, items: Iterable[Named], text: Callable[[Named], str], indent: str = "") -> list[str]:
-        """Declarations with what is said of them."""
-        return [line for one in items for line in self._beside(indent + text(one), one.line, indent)]
-
-    def _beside(self, code: str, line: int, indent: str) -> list[str]:
-        """Code with the comments above its line of the laws, and with that behind it, above where it would be long."""
-        said = self.laws.comment(line)
-        beside = f"{code}  {self.comment(said)}" if said else code
-        above = self.laws.above(line)
-        if len(beside) > WIDTH or "\n" in code:
-            above, beside = [*above, *([said] if said else [])], code
-        return [*(indent + self.comment(one) for one in above), beside]
+        """Declarations with what is said of them, behind or above."""
+        lines: list[str] = []
+        for one in items:
+            code, said = indent + text(one), self.comment(one.said)
+            if not one.said:
+                lines.append(code)
+            elif len(code) + len(said) < WIDTH - 1:
+                lines.append(f"{code}  {said}")
+            else:
+                lines += [*(indent + self.comment(part) for part in wrap(one.said, WIDTH - 8)), code]
+        return lines
 
     def say(self, node: ast.expr, around: str = "or") -> str:
         """An expression inside one that binds like ``around``."""
@@ -100,13 +101,12 @@ class Printer:
         raise TypeError(f"the laws have no {ast.unparse(node)}")
 
     def block(self, body: list[ast.stmt], depth: int) -> list[str]:
-        """Statements as lines, with what is said of them."""
+        """Statements as lines."""
         lines: list[str] = []
         indent = "    " * depth
         for node in body:
             first, *rest = self._statement(node, depth)
-            *above, first = self._beside(indent + first, node.lineno, indent)
-            lines += [*above, *broken(first, self.BREAKS), *rest]
+            lines += [*broken(indent + first, self.BREAKS), *rest]
         return lines
 
     def _statement(self, node: ast.stmt, depth: int) -> list[str]:

@@ -12,24 +12,21 @@ import ast
 import copy
 import re
 from collections.abc import Mapping, Sequence
+from itertools import chain, repeat
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
 
 from fastcoil.deliver.export.formulas import KNOWN, AgainError, Formulas
 from fastcoil.deliver.export.python import (
-    commented,
-    comments_of,
     constant_text,
     definition_of,
-    docstring_of,
-    documented,
     function_text,
     lines_of,
     names_in,
+    summary_of,
 )
 from fastcoil.deliver.export.values import (
-    Choice,
     Number,
     Record,
     Scope,
@@ -132,7 +129,8 @@ class Translator(Formulas):
         }  # fmt: skip
         seen: dict[str, Any] = {name: Number(expression(text)) for name, text in texts.items()}
         seen["m_a"] = Number(expression("m_a"), needs=frozenset({"m_a >= 0.0"}))
-        seen["mode"] = Choice(expression("s.rising"), constant(1.0), constant(-1.0), "mode")
+        modes = (lambda: constant(1.0), lambda: constant(-1.0))
+        seen["mode"] = self._either(expression("s.rising"), modes, "mode", "mode")
         return Record(None, seen)
 
     # what a step leaves
@@ -166,10 +164,7 @@ class Translator(Formulas):
 
     def _leave(self, target: str, value: Any) -> None:
         """Store a part of what a step leaves; an estimate that is NaN is none."""
-        if isinstance(value, Choice):
-            yes, no = value.yes, value.no
-            self._either(value.test, (lambda: self._leave(target, yes), lambda: self._leave(target, no)))
-        elif target == self.goal:
+        if target == self.goal:
             number = self._real(value)
             needs, store = self._needs(number), assigned(target, call_of("clipped", number.text))
             if ast.unparse(number.text) != target and not number.is_nothing:
@@ -204,11 +199,7 @@ class Translator(Formulas):
         """Take the statements in turn.  Returns what the function returns; ``None`` where it goes on behind them."""
         for k, node in enumerate(body):
             self.where = f"line {node.lineno} of {Path(scope.function.__code__.co_filename).name}"
-            before = len(self.out)
             found = self._taken(node, body[k + 1 :], scope)
-            if len(self.out) > before:
-                first: Any = self.out[before]
-                first.above = [*comments_of(scope.function, node), *getattr(first, "above", [])]
             if found is not None:
                 return found
         return None
@@ -229,8 +220,10 @@ class Translator(Formulas):
                 found = self._run(tails[0 if test.value else 1], scope)
             return _RETURNED if forks and found is None else found
         if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
-            value = self._value(node.value, scope)
-            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            name = targets[0].id if isinstance(targets[0], ast.Name) else "value"
+            value = self._value_of(name, node.value, scope)
+            for target in targets:
                 self._set(target, value, scope)
         elif isinstance(node, ast.AugAssign):
             load = copy.copy(node.target)
@@ -311,8 +304,9 @@ class Translator(Formulas):
     def _call(self, node: ast.Call, scope: Scope) -> Any:
         """What a call gives."""
         function = self._value(node.func, scope)
-        given = [self._value(one, scope) for one in node.args]
-        keywords = {str(one.arg): self._value(one.value, scope) for one in node.keywords}
+        names = chain(getattr(function, "_fields", ()), repeat("value"))
+        given = [self._value_of(name, one, scope) for name, one in zip(names, node.args, strict=False)]
+        keywords = {str(one.arg): self._value_of(str(one.arg), one.value, scope) for one in node.keywords}
         if isinstance(function, type) and hasattr(function, "_fields"):
             values = {n: constant(x) for n, x in zip(function._fields, defaults_of(function), strict=True)}
             return Record(function, values | dict(zip(function._fields, given, strict=False)) | keywords)
@@ -329,10 +323,10 @@ class Translator(Formulas):
         if id(node) in self.path:
             raise self._refusal(f"{python.__name__} calls itself", "write it as a loop")
         before, self.path = (self.path, self.where), (*self.path, id(node))
-        names, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
-        behind = {n: constant(x) for n, x in zip(names[len(names) - len(defaults) :], defaults, strict=True)}
-        values = behind | dict(zip(names, given, strict=False)) | keywords
-        found = self._inlined(python, [values[n] for n in names], lambda one: one)
+        arguments, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
+        behind = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))
+        values = behind | dict(zip(arguments, given, strict=False)) | keywords
+        found = self._inlined(python, [values[n] for n in arguments], lambda one: one)
         self.path, self.where = before
         return found
 
@@ -342,13 +336,11 @@ class Translator(Formulas):
         name = self._named(self.rule, "rule")
         arguments = [n for n in ("T_sup", "T_set", "m_a") if n in read_in(body)]
         head = ["s: State", *(f"{n}: float" for n in arguments)]
-        text = function_text(name, head, "None", docstring_of(python), body)
+        text = function_text(name, head, "None", summary_of(python), body)
         used, fields = set(re.findall(r"\bs\.(\w+)", text)), []
-        for n, field in self.fields.items():
-            kept = field[2:]
+        for kept in (field[2:] for field in self.fields.values()):
             if kept in used:
-                said = documented(python.__code__.co_filename, n, self.Memory.__name__)
-                fields.append(commented(f"{kept}: float", said))
+                fields.append(f"{kept}: float")
             if f"{kept}_known" in used:
                 fields.append(f"{kept}_known: bool  # whether {kept} has a value")
         start = lines_of(needed(begins, {f"s.{each}" for each in used}))
@@ -357,7 +349,7 @@ class Translator(Formulas):
             start.append(f"s.w = zeros({self.words})")
         read = {*names_in("\n".join([text, *start]))}
         return Port(
-            [constant_text(n, value, said) for n, (value, said) in self.constants.items() if n in read],
+            [constant_text(n, value) for n, value in self.constants.items() if n in read],
             fields, start, text, f"{name}({', '.join(['s', *arguments])})",
             frozenset({*arguments, *(["T_seen"] if "T_seen" in read else [])}),
         )  # fmt: skip

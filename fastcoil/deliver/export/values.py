@@ -1,4 +1,4 @@
-"""What a rule computes with while it is translated: expressions in place of numbers, and conditions among them."""
+"""What a rule computes with while it is translated: expressions in place of numbers, and what the statements read."""
 
 from __future__ import annotations
 
@@ -31,28 +31,15 @@ class Number:
         """Whether it is NaN."""
         return isinstance(self.value, float) and math.isnan(self.value)
 
+    def is_same(self, other: Number) -> bool:
+        """Whether another is written alike."""
+        return repr(self.value) == repr(other.value) and ast.unparse(self.text) == ast.unparse(other.text)
+
     @property
     def is_atom(self) -> bool:
         """Whether it is a name or a constant."""
         text = self.text.operand if isinstance(self.text, ast.UnaryOp) else self.text
         return isinstance(text, (ast.Constant, ast.Name, ast.Attribute))
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """One of two numbers; it becomes an ``if`` where it is stored.  name: of the variable that it is stored in."""
-
-    test: ast.expr
-    yes: Number | Choice
-    no: Number | Choice
-    name: str = ""
-    kind = "choice"
-    is_atom = False
-
-    @property
-    def text(self) -> ast.expr:
-        """The conditional expression, which the languages do not have."""
-        return ast.IfExp(self.test, self.yes.text, self.no.text)
 
 
 @dataclass(frozen=True)
@@ -191,8 +178,6 @@ def _kept(body: list[ast.stmt], goals: set[str]) -> list[ast.stmt]:
             target = node.targets[0]
             name = ast.unparse(target.value if isinstance(target, ast.Subscript) else target)
             kept = [node] if name in goals else []
-        for one in kept:
-            one.above = getattr(node, "above", [])  # type: ignore[attr-defined]
         found += kept
     return found
 

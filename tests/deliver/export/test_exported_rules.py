@@ -181,7 +181,7 @@ def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
     assert text.isascii()
     assert "unread" not in text  # what changes nothing is left out
     if language == "python" and name == "everything":
-        assert "a table, by a whole number" in text
+        assert "Uses a bit of everything that can be said." in text
         assert "RATE = 0.0002  # 1/(K s): how fast the estimate moves" in text
 
 

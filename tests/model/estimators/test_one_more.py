@@ -72,7 +72,7 @@ assert ds.estimate_final.sel(estimator="turns") > 0.0
 assert ds.estimate_final.sel(estimator="none") == 0.0
 code = Path(sys.argv[2]) / "valve.c"
 assert worst_in_c(*fc.export_controller(fc.Loop(estimator="turns", n_volumes=1), code, "c")) == 0.0
-assert "Estimate where the inverse turns" in code.read_text()
+assert "Let the estimate follow the share of turns" in code.read_text()
 """
 
 
