@@ -24,10 +24,10 @@ from fastcoil.loops.simulate import simulate
 from fastcoil.measured.coil_problem import in_operation, number_in, on_seconds, require_temperatures
 from fastcoil.measured.fit import Fit, finished, poor, profile_of, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, Part, checked_part, unbroken
-from fastcoil.measured.valve_problem import reversals
+from fastcoil.measured.valve_problem import reversals, why_unidentified
 from fastcoil.model.metric_table import WARM_UP
 
-FEWEST_REVERSALS, FEWEST_BLOCKS = 2, 6
+FEWEST_BLOCKS = 6
 TOLERANCE, GOOD = 0.2, 0.01
 """A size is identified if its interval reaches no further than this share of it, or this share of the stroke."""
 LEAST_EXPLAINED = 0.8  # share of the changes of T_sup below which the model is one of another coil
@@ -163,31 +163,20 @@ def _why_unidentified(
     """Why the log does not resolve the backlash; empty if it does."""
     low, high = interval
     why = ""
-    if problem.n_reversals < FEWEST_REVERSALS:
+    if n_blocks < FEWEST_BLOCKS:
+        why = f"not identified: {n_blocks} half hours are left to compare: give a log of five hours or more"
+    elif problem.data.step > _COARSE_LOG and problem.moves > _MOVES:
         why = (
-            f"the command turns {problem.n_reversals} times by more than 1 % of stroke, and only reversals show "
-            "backlash; give a log in which it goes up and down"
-        )
-    elif n_blocks < FEWEST_BLOCKS:
-        why = f"{n_blocks} half hours are left to compare: give a log of five hours or more"
-    elif problem.is_coarse:
-        why = (
-            f"samples are {problem.data.step:.4g} s apart and the command moves between; turns are missed, so that "
-            f"the {x:.3g} that fits best is too small: log every 60 s or faster"
+            f"not identified: samples are {problem.data.step:.4g} s apart and the command moves between; turns are "
+            f"missed, so that the {x:.3g} that fits best is too small: log every 60 s or faster"
         )
     elif not explained > LEAST_EXPLAINED:
         why = (
-            f"the model explains {100 * max(explained, 0.0):.0f} % of the changes of T_sup: fit the coil first, or "
-            "check units and columns"
+            f"not identified: the model explains {100 * max(explained, 0.0):.0f} % of the changes of T_sup: fit the "
+            "coil first, or check units and columns"
         )
-    elif high >= LARGEST:
-        why = f"the gap is {low:.3g} or more, and {LARGEST:g} is the largest that is tried"
-    elif max(high - x, x - low) > max(TOLERANCE * x, GOOD):
-        why = (
-            f"anything from {low:.3g} to {high:.3g} fits as well (95 %): give a longer log, or one in which the "
-            "set-point goes up and down"
-        )
-    return f"not identified: {why}" if why else ""
+    is_wide = not why and (high >= LARGEST or max(high - x, x - low) > max(TOLERANCE * x, GOOD))
+    return why_unidentified(problem.n_reversals, interval, is_wide=is_wide) or why
 
 
 class Sums(NamedTuple):
@@ -234,11 +223,6 @@ class LoopProblem:
         self.n_reversals = reversals(command[self.used], data.batch[self.used])
         self.moves = float(np.mean(np.abs(np.diff(command)) > _HELD))
         self.pieces = self._pieces(warm_up)
-
-    @property
-    def is_coarse(self) -> bool:
-        """Whether turns of the command between samples are missed."""
-        return self.data.step > _COARSE_LOG and self.moves > _MOVES
 
     def _pieces(self, warm_up: float) -> list[_Piece]:
         data, found = self.data, []

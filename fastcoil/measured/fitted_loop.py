@@ -300,15 +300,15 @@ def what_if(
         fitted.played(size, factor * kp_factor, ti_factor, estimate, buffer)
         for factor in (GAIN_ERROR, 1.0 / GAIN_ERROR)
     )
-    gain = f"{100 * (GAIN_ERROR - 1.0):.0f} %"
-    if not found.hunts == more.hunts == less.hunts:
-        return f"a {gain} change of its gain decides whether the loop hunts; the log cannot resolve it"
     errors = [found.rmse, more.rmse, less.rmse]
-    if not max(errors) < LARGEST_SPREAD * min(errors):
-        return (
-            f"the control error would be {min(errors):.2g} to {max(errors):.2g} K: a {gain} change of the loop's gain "
-            "decides, the log cannot resolve it"
-        )
+    undecided = ""
+    if not found.hunts == more.hunts == less.hunts:
+        undecided = "whether the loop hunts"
+    elif not max(errors) < LARGEST_SPREAD * min(errors):
+        undecided = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
+    if undecided:
+        gain = f"{100 * (GAIN_ERROR - 1.0):.0f} %"
+        return f"a {gain} change of its gain decides {undecided}; the log cannot resolve it"
     return found
 
 
@@ -330,14 +330,13 @@ def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array)
     true = temperature - day.noise[at]
     logged = float(np.sqrt(np.mean((true - T_set)[counted] ** 2)))
     replayed = float(np.sqrt(np.mean((played.temperature[at] - T_set)[counted] ** 2)))
-    if not abs(math.log(replayed / logged)) < LARGEST_ERROR:
-        return (
-            f"the fitted loop does not repeat the log: it errs by {replayed:.2g} K where the log errs by {logged:.2g} K"
-        )
-    moves = [float(np.sum(np.abs(np.diff(series))[counted[1:]])) for series in (played.command[at], command)]
-    if not abs(math.log(max(moves[0], 1e-9) / max(moves[1], 1e-9))) < LARGEST_TRAVEL_ERROR:
-        return (
-            f"the fitted loop does not repeat the log: its command travels {moves[0]:.3g} strokes where that of the "
-            f"log travels {moves[1]:.3g}"
-        )
-    return ""
+    travels, travelled = (
+        float(np.sum(np.abs(np.diff(series))[counted[1:]])) for series in (played.command[at], command)
+    )
+    travel_ratio = max(travels, 1e-9) / max(travelled, 1e-9)
+    if abs(math.log(replayed / logged)) < LARGEST_ERROR and abs(math.log(travel_ratio)) < LARGEST_TRAVEL_ERROR:
+        return ""
+    return (
+        f"the fitted loop does not repeat the log: it errs by {replayed:.2g} K, the log by {logged:.2g} K; its command "
+        f"travels {travels:.3g} strokes, that of the log {travelled:.3g}"
+    )

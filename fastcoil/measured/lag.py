@@ -15,6 +15,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.logs import Log
+from fastcoil.logs.series import counted
 from fastcoil.measured.least_squares import autocorrelation
 from fastcoil.measured.part import unbroken
 from fastcoil.measured.valve_problem import step_of
@@ -187,14 +188,11 @@ def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
     for run in unbroken(shifts):
         n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])
         piece = f" (piece {log.batch[first] + 1} of {log.n_batches})" if log.n_batches > 1 else ""
-        until = " on" if last == shifts.size - 1 else f" to row {log.rows[last]}"
-        where = f"from row {log.rows[first]}{piece}{until}" if run.size < shifts.size else "throughout"
-        late, early = ("flow", "command") if n > 0 else ("command", "flow")
-        samples = "one sample" if abs(n) == 1 else f"{abs(n)} samples"
+        where = f"from row {log.rows[first]}{piece} to row {log.rows[last]}" if run.size < shifts.size else "throughout"
+        when = f"{counted(abs(n), 'sample')} ({abs(n) * step:.4g} s) {'after' if n > 0 else 'before'} the command"
         if n != 0:
             notes.append(
-                f"{where} the {late} is logged {samples} ({abs(n) * step:.4g} s) after the {early}: the fit takes this "
-                "shift out; lag=0, --lag 0 leaves it in"
+                f"{where} the flow is logged {when}: the fit takes this shift out; lag=0, --lag 0 leaves it in"
             )
     return notes
 

@@ -99,29 +99,17 @@ def _sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mas
     return np.asarray(off | (flow == 0.0) if floor > 0.0 else off)
 
 
-def why_unidentified(
-    n_reversals: int, x_BL: float, interval: tuple[float, float], most: float, n_pieces: int = 1
-) -> str:
-    """Why the data do not identify the backlash; empty if they do.  n_pieces: in which the log is, reversals within.
-
-    They do if its interval is no wider than ``x_BL`` itself, or below ``_SMALL``.  An interval that just misses 0 can
-    be chance, and its middle is then too large.
-    """
-    low, high = interval
+def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide: bool) -> str:
+    """Why a log does not identify the backlash; empty if it does.  n_reversals: of the command, within the pieces."""
     if n_reversals < _FEWEST_REVERSALS:
-        cure = "give a log in which it goes up and down"
-        if n_pieces > 1:
-            cure += f", or bridge the gaps, between which it is in {n_pieces:,} pieces, with max_gap, --max-gap"
         return (
-            f"not identified: the command turns {n_reversals} times by more than {100 * TURN:.0f} % of stroke, and "
-            f"only reversals show backlash; {cure}"
+            f"not identified: the command turns {n_reversals} times by more than {100 * TURN:.0f} % of stroke: give a "
+            "log in which it goes up and down, or bridge gaps with max_gap, --max-gap"
         )
-    if high >= most or high - low > max(x_BL, _SMALL):
-        tried = " (the largest value tried)" if high >= most else ""
+    if is_wide:
         return (
-            f"not identified: anything from {low:.3g} to {high:.3g}{tried} fits as well (95 %): the flow's noise is "
-            "larger than the effect of the backlash, or no reversal ends within it; give a longer log, with small "
-            "reversals too, where the curve is steep"
+            f"not identified: anything from {interval[0]:.3g} to {interval[1]:.3g} fits as well (95 %): give a longer "
+            "log, in which the command also turns by little where the curve is steep"
         )
     return ""
 
@@ -274,10 +262,6 @@ The second holds if the backlash explains more than half of the residual that th
 _WORTH_A_WORD = 0.05  # of the backlash: a smaller allowance is made without a note
 _SURELY = 1.2  # squared residuals below this many times the meter's noise may be that noise alone
 _OUTLYING = 6.0  # changes of the flow at rest that exceed the typical one by this factor count as that much
-_CURE = (
-    "log at least as often as the controller acts; if the command holds from row to row, "
-    "say so: holds='command', --hold command"
-)
 
 
 class Judged(NamedTuple):
@@ -289,28 +273,35 @@ class Judged(NamedTuple):
 
 
 def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judged:
-    """What remains of the interval of a fit if motion between the rows is allowed for; ``holds``: there is none."""
+    """What remains of the interval of a fit if motion between the rows is allowed for; ``holds``: there is none.
+
+    It identifies the backlash if it is no wider than that itself, or than ``_SMALL``.  One that just misses 0 can be
+    chance, and its middle is then too large.
+    """
     interval, x, most = solution.profile.interval, float(solution.estimate.x[X_BL]), solution.profile.grid[-1]
+
+    def why_not(low: float, high: float) -> str:
+        is_wide = bool(high >= most or high - low > max(x, _SMALL))
+        return why_unidentified(problem.n_reversals, (low, high), is_wide=is_wide)
+
     seen = (
         f"rows are {step_of(problem.data, problem.fitting):.4g} s apart, and a controller may move the valve between "
-        "them, unseen"
+        "them, unseen: log as often as it acts; if the command holds from row to row, say so: holds='command', "
+        "--hold command"
     )
-    why = why_unidentified(problem.n_reversals, x, interval, most, problem.n_pieces)
+    why = why_not(*interval)
     share = 0.0 if holds else _besides_noise(problem, solution)
-    if share > _BESIDES_NOISE:
-        if not why:
-            little = "the backlash explains little of what the curve alone leaves of the flow"
-            why = f"not identified: {seen}: {little}; {_CURE}"
-        elif problem.n_reversals > 1:
-            why += f"; or the rows are too far apart: {seen}; {_CURE}"
+    if share > _BESIDES_NOISE and not why:
+        why = f"not identified: {seen}"
+    elif share > _BESIDES_NOISE and problem.n_reversals > 1:
+        why += f"; or {seen}"
     if why or share == 0.0:
         return Judged(interval, why, "")
     more = _PER_SHARE * math.sqrt(share) * x + _SLACK
     low, high = max(interval[0] - more, 0.0), interval[1] + more
-    if why_unidentified(problem.n_reversals, x, (low, high), most):
-        true = f"a backlash of {low:.2g} to {high:.2g} may lie behind the {x:.2g} found"
-        return Judged((low, high), f"not identified: {seen}: {true}; {_CURE}", "")
-    note = f"{seen}: the interval of the backlash allows {more:.2g} for that; {_CURE}"
+    if why_not(low, high):
+        return Judged((low, high), f"not identified: a backlash of {low:.2g} to {high:.2g} is possible: {seen}", "")
+    note = f"the interval of the backlash allows {more:.2g} for motion between the rows: {seen}"
     return Judged((low, high), "", note if more > _WORTH_A_WORD * x else "")
 
 

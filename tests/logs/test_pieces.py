@@ -9,7 +9,6 @@ from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.logs.pieces import at_seconds, require_whole_seconds
 from fastcoil.measured.coil_problem import record_of
-from fastcoil.measured.valve_problem import why_unidentified
 
 TIME = np.array([0.0, 4.0, 6.0])
 
@@ -133,10 +132,3 @@ def test_the_backlash_of_a_log_of_changes_is_found(write):
     low, high = fit.intervals["backlash"]
     assert low < 0.09 < high
     assert high - low < 0.02
-
-
-def test_no_reversal_in_many_pieces_names_the_cure():
-    said = why_unidentified(0, 0.1, (0.0, 0.3), 0.9, n_pieces=123)
-    assert "the command turns 0 times" in said
-    assert "or bridge the gaps, between which it is in 123 pieces, with max_gap, --max-gap" in said
-    assert "pieces" not in why_unidentified(0, 0.1, (0.0, 0.3), 0.9, n_pieces=1)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.shared_data import measured
 from helpers.simulated_logs import VALVE_TRUTH, flows, log_of, noisy, walk
 
 import fastcoil as fc
@@ -74,32 +73,3 @@ def test_intervals_cover_where_the_meter_errs_by_batch():
             hits[name] += low <= VALVE_TRUTH[name] <= high
     print(hits)
     assert min(hits.values()) >= 0.88 * 60, hits
-
-
-@pytest.mark.full
-def test_disjoint_halves_of_a_measured_valve_agree():
-    """Even and odd batches of one valve, and early and late ones: estimates differ by no more than their intervals say.
-
-    The place of the curve, valve_c, differs more between early and late batches: that is no chance of the batches.
-    """
-    import xarray as xr
-
-    table = np.genfromtxt(measured("riskbr_ahu1.csv"), delimiter=",", names=True, dtype=None, encoding="utf-8")
-    columns = {"command": table["valve_pos_deg"] / 90.0, "m_w": table["water_flow_l_min"] / 60.0,
-               "batch": table["batch"].astype(float)}  # fmt: skip
-    log = xr.Dataset(
-        {name: ("elapsed_time", values) for name, values in columns.items()}, {"elapsed_time": table["time_s"]}
-    )
-    log["command"].attrs["units"], log["m_w"].attrs["units"] = "1", "kg/s"
-    log["elapsed_time"].attrs["units"] = "s"
-    batch = table["batch"]
-    early = batch < 13
-    for half in (batch % 2 == 0, early):
-        one, two = (
-            fc.fit_valve(log.isel(elapsed_time=np.flatnonzero(which)), split=1.0, jumps="split", holds="command")
-            for which in (half, ~half)
-        )
-        for name in ("backlash", "valve_c") if half is not early else ("backlash",):
-            halves = [0.5 * np.ptp(fit.intervals[name]) for fit in (one, two)]
-            print(name, [(fit.parameters[name], fit.intervals[name]) for fit in (one, two)])
-            assert abs(one.parameters[name] - two.parameters[name]) <= np.hypot(*halves)

@@ -218,4 +218,4 @@ def test_a_verdict_that_turns_on_a_little_gain_is_a_sentence(fitted, monkeypatch
         fitted, kp_factor=float(factors[kinds.index("a sentence")]), ti_factor=0.3
     )
     monkeypatch.setattr("fastcoil.measured.fitted_loop.LARGEST_SPREAD", 1.0)
-    assert "the control error would be" in what_if(fitted, kp_factor=0.5)
+    assert "decides between control errors of" in what_if(fitted, kp_factor=0.5)

@@ -41,7 +41,7 @@ def test_a_shift_from_one_piece_on_is_told_and_taken_out():
     assert low <= VALVE_TRUTH["backlash"] <= high
     assert high - low < 0.04
     assert any(
-        note.startswith("from row 160 (piece 3 of 4) on the flow is logged one sample (60 s) after the command")
+        note.startswith("from row 160 (piece 3 of 4) to row 319 the flow is logged 1 sample (60 s) after the command")
         for note in fit.notes
     )
     left = fc.fit_valve(log, split=1.0, lag=0, m_max=2.0, holds="command")
@@ -63,7 +63,7 @@ def test_the_error_of_what_is_held_back_is_reported_without_its_own_shift_too():
     ("shift", "words"),
     [
         (2, "the flow is logged 2 samples (120 s) after the command"),
-        (-1, "the command is logged one sample (60 s) after the flow"),
+        (-1, "the flow is logged 1 sample (60 s) before the command"),
     ],
 )
 def test_a_shift_throughout_is_found_in_either_direction(shift, words):

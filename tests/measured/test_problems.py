@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from helpers.simulated_logs import COIL_TRUTH, INPUTS, VALVE_TRUTH, coil_log, flows, log_of, noise, noisy, walk
-from scipy.optimize import least_squares
 
 import fastcoil as fc
 from fastcoil.logs import read_log
@@ -143,41 +142,3 @@ def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not()
     assert (np.abs(r[model.used, 1]) == FORBIDDEN).all()
     np.testing.assert_array_equal(r[:, 0], r[:, 2])
     assert np.abs(r[:, 0]).max() < 1.0
-
-
-def test_a_coil_near_its_limit_of_stability_is_fitted():
-    truth = {"C_c": 3.3}
-    fit = fc.fit_coil(coil_log(hours=1, seed=11, sd=0.02, **truth), split=1.0)
-    assert fit.rmse["fit"] == pytest.approx(0.02, rel=0.1)
-
-
-# ----------------------------------------------------------------------------------------------------------- minimum
-
-
-def minimum_by_lm(model, x0, free):
-    """The paper's method, which knows no bounds, on the same residuals and Jacobian."""
-    x = x0.copy()
-
-    def at(part):
-        x[free] = part
-        r, J = evaluate(model, x)
-        return r, J[:, free]
-
-    found = least_squares(lambda part: at(part)[0], x0[free], jac=lambda part: at(part)[1], method="lm", xtol=1e-12)
-    return found.x, 2.0 * found.cost
-
-
-def test_levenberg_marquardt_without_bounds_ends_in_the_same_minimum_of_a_valve():
-    """From 10 to 20 % away; the residual of Eq (1) has kinks, so the two agree to a tenth of a standard error."""
-    rng = np.random.default_rng(19)
-    command = walk(rng, n=400)
-    log = log_of(command, noisy(rng, flows(command, start=1.0), 0.02))
-    fit = fc.fit_valve(log, split=1.0, initial="rising")
-    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, Part(1.0))
-    model, _ = problem.model(None, "rising")
-    x0 = np.array([0.06, math.log(2.2), math.log(0.8), math.log(8.0), 0.42, 1.0])
-    x, rss = minimum_by_lm(model, x0, np.arange(5))
-    x[1:4] = np.exp(x[1:4])
-    assert rss == pytest.approx(fit.rmse["fit"] ** 2 * fit.n_used, rel=1e-4)
-    for value, name in zip(x, VALVE_TRUTH, strict=True):
-        assert value == pytest.approx(fit.parameters[name], abs=0.1 * fit.standard_errors[name]), name
