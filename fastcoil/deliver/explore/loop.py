@@ -1,7 +1,6 @@
 """Settings in; traces, metrics, a prediction and a map of the loop out.  Repeated requests come from a cache."""
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -14,12 +13,10 @@ from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore.settings import (
     DIALS,
     GIVEN,
-    STORIES,
     Settings,
     Start,
     estimator_of,
     settings_of,
-    settings_of_story,
     starts,
 )
 from fastcoil.design.limit_cycle import limit_cycle
@@ -28,7 +25,6 @@ from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.maintenance import Scenario
@@ -215,11 +211,3 @@ class Model:
         (x, along_x), (y, along_y) = AXES[settings.axes].items()
         point: Any = {x: along_x[-1], y: along_y[0]}
         return self._map(replace(settings, colour="rmse", window="day", **point))
-
-    def prepare(self) -> None:
-        """Compile the kernel, and compute what the page shows first and its stories."""
-        compile_kernel()
-        for settings in (self.usual, *(settings_of_story(title, self.starts) for title in STORIES)):
-            with suppress(InputError):  # refused on the page
-                self.run(settings)
-                self.map(settings)

@@ -26,6 +26,7 @@ from tornado.web import Application, RequestHandler
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore.loop import Model
 from fastcoil.deliver.explore.page import Page
+from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import is_compiled
 
 ADDRESS = "127.0.0.1"
@@ -153,7 +154,7 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     server = BaseServer(IOLoop.current(), app, http)
     server.start()
     http.add_socket(listening)
-    threading.Thread(target=model.prepare, daemon=True).start()
+    threading.Thread(target=compile_kernel, daemon=True).start()
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
