@@ -35,7 +35,7 @@ def make(label: int) -> dict[str, np.ndarray]:
 
 def run(lanes: int, days: int, *, carry_over: bool) -> str:
     """Simulate; returns lane-seconds per second of CPU, wall time, s, and peak memory, MiB."""
-    boundary = fc.Boundary.from_days(make, day=range(days), n_steps=STEPS)
+    boundary = fc.Boundary.from_days(make, day=range(days), hours=STEPS / 3600)
     loop = fc.Loop.preset("lbnl").assign(
         backlash=("sample", np.linspace(0.0, 0.15, lanes)), learning_step=0.005, noise_std=0.05
     )

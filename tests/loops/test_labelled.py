@@ -28,14 +28,14 @@ DOORS = {
     "Boundary": lambda value: fc.Boundary(**made(value)).series["T_set"],
     "assign": lambda value: DAY.assign(T_set=value).series["T_set"],
     "stream": lambda value: fc.Boundary.from_days(
-        lambda label: made(value), day=4, n_steps=N, start="2024-07-01T08:00", time_zone=ZONE
+        lambda label: made(value), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
     ).series["T_set"],
     "assign to a stream": lambda value: fc.Boundary.from_days(
-        lambda label: made(14.0), day=4, n_steps=N, start="2024-07-01T08:00", time_zone=ZONE
+        lambda label: made(14.0), day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE
     ).assign(T_set=value).series["T_set"],
     "stream of bare arrays": lambda value: fc.Boundary.from_days(
         lambda label: {n: SERIES[n].values for n in NAMES} | {"T_set": value},
-        day=4, n_steps=N, start="2024-07-01T08:00", time_zone=ZONE,
+        day=4, hours=N / 3600, start="2024-07-01T08:00", time_zone=ZONE,
     ).series["T_set"],
 }  # fmt: skip
 

@@ -1,6 +1,6 @@
 """The series that act on the loop from outside: entering air and water, set-point; made, logged or from weather.
 
-Read ``series`` (what a user may give), ``samples`` (the days: one Dataset, or made on demand) and ``record``
+Read ``series`` (what a user may give), ``samples`` (a Dataset of all days, makers of days, digests) and ``record``
 (``Boundary``) first.  ``days``, ``weather`` and ``weather_year`` make boundaries; ``air_handler`` stands in for a
 building; ``weather_files`` reads files; ``display`` shows a boundary.
 """

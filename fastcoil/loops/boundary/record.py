@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,23 +11,29 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import checking, choice_of, instance_of, path_of, whole_of
-from fastcoil.base.errors import InputError, WrongType, collecting, shown
+from fastcoil.base.arguments import checking, instance_of, path_of, whole_of
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs import read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.loops.boundary.clock import Clock, clock_of
-from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of, whole_seconds
+from fastcoil.loops.boundary.clock import SECONDS, Clock, Times, clock_of
+from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.display import draw, text_of
+from fastcoil.loops.boundary.humidity import Dampest
 from fastcoil.loops.boundary.samples import (
     Maker,
-    Samples,
+    Survey,
+    checked_day,
     dataset_of,
-    joined_day,
+    day_digest,
+    frozen,
     labelled_day,
     picked_day,
     replaced_day,
+    surveyed,
     variables_of,
     with_day_dim,
 )
@@ -45,16 +51,13 @@ from fastcoil.loops.labelled import Course
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-KEPT: Values = object()
-"""A series that is not to be changed."""
-_LONGEST = round(3600 * (CONDITIONS["hours"].upper or 0.0))  # seconds of a day
 _OF_A_LOG = Wanted(
     needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled", "backlash_scale")
 )
 _HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
-class Boundary(Samples):
+class Boundary:
     """The series that act on the loop, in 1-s samples, on one day or several; immutable.
 
     Parameters
@@ -85,6 +88,12 @@ class Boundary(Samples):
     DataArray that declares ``units`` is converted from them.  All mistakes are raised together, in one
     `InputError`.
     """
+
+    _ds: xr.Dataset
+    """Labels and clock as coordinates, ``start`` only if it is known; the series unless a maker gives them."""
+    _make: Maker | None
+    _time_zone: str
+    _by_air: bool
 
     def __init__(
         self,
@@ -118,6 +127,166 @@ class Boundary(Samples):
         ds = dataset_of(whole, labels, n_steps or 0, clock)
         self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
 
+    @classmethod
+    def of(cls, ds: xr.Dataset, *, make: Maker | None = None, time_zone: str = "", by_air: bool = False) -> Boundary:
+        """A boundary of checked samples; ``by_air``: the air flow alone decides on ``enabled``."""
+        self = cls.__new__(cls)
+        self.__setstate__({"_ds": ds, "_make": make, "_time_zone": time_zone, "_by_air": by_air})
+        return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for variable in self._ds.data_vars.values():  # a copied or pickled array is writeable
+            frozen(variable.values)
+
+    @property
+    def is_streamed(self) -> bool:
+        """Whether days are made on demand instead of held in memory."""
+        return self._make is not None
+
+    @property
+    def day(self) -> NDArray[np.int64]:
+        """Labels of the days, (n_days,), read-only."""
+        return frozen(np.atleast_1d(self._ds["day"].values).astype(np.int64))
+
+    @property
+    def has_day_dim(self) -> bool:
+        """Whether results have a dim ``day``."""
+        return "day" in self._ds.dims
+
+    @property
+    def n_days(self) -> int:
+        return int(self._ds.sizes.get("day", 1))
+
+    @property
+    def n_steps(self) -> int:
+        """Number of 1-s steps."""
+        return int(self._ds.sizes["elapsed_time"])
+
+    @property
+    def hours(self) -> float:
+        return self.n_steps / 3600
+
+    @property
+    def start(self) -> Times | None:
+        """Date and time of the first sample of each day, (n_days,) datetime64[s]; None if unknown."""
+        return np.atleast_1d(self._ds["start"].values).astype(SECONDS) if "start" in self._ds.coords else None
+
+    @property
+    def time_zone(self) -> str:
+        """The time zone of ``start``; blank if unknown."""
+        return self._time_zone
+
+    @property
+    def clock_zone(self) -> str | None:
+        """The time zone of ``start``, blank if it has none; None if nothing is known of the clock."""
+        return self._time_zone or (None if self.start is None else "")
+
+    @property
+    def start_coordinate(self) -> xr.DataArray | None:
+        """``start`` as a coordinate of results, along ``day`` if there is that dim; None if unknown."""
+        return xr.DataArray(self._ds["start"].variable) if "start" in self._ds.coords else None
+
+    @property
+    def series(self) -> dict[str, Array]:
+        """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
+        if self._make is None:
+            return {str(name): np.atleast_2d(values.values) for name, values in self._ds.data_vars.items()}
+        needed, available = 8 * len(BOUNDARY_SERIES) * self.n_days * self.n_steps, available_memory()
+        if needed > available:
+            raise InputError(
+                f"series of {self.n_days} days of {self.n_steps:,} s take {gib(needed)} of memory, {gib(available)} "
+                "are available: take a day at a time with of_day, or some days with isel"
+            )
+        whole = {name: np.empty((self.n_days, self.n_steps)) for name in BOUNDARY_SERIES}
+        for k in range(self.n_days):
+            for name, values in self.of_day(k).items():
+                whole[name][k] = values
+        return {name: frozen(values) for name, values in whole.items()}
+
+    def of_day(self, k: int) -> dict[str, Array]:
+        """The series of one day by position, each float64 (n_steps,), read-only."""
+        k = whole_of("k", k, 0, self.n_days - 1)
+        rows, _ = self.made(k)
+        if self._make is not None and self.is_surveyed and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
+            raise InputError(
+                f"make gives other samples for day {self.day[k]} than before: it must give the same each time, draw "
+                "random numbers from a generator that is seeded with the label"
+            )
+        return rows
+
+    def made(self, k: int) -> tuple[dict[str, Array], int]:
+        """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
+        if self._make is None:
+            return {name: values[k] for name, values in self.series.items()}, 0
+        label, start = int(self.day[k]), None if self.start is None else self.start[k]
+        return checked_day(self._make(k), self.n_steps, Course(np.asarray(label), None, start, self.clock_zone))
+
+    @property
+    def is_surveyed(self) -> bool:
+        """Whether ranges and digests are known: those of a stream take a pass over all its days."""
+        return "_survey" in self.__dict__
+
+    @property
+    def extremes(self) -> dict[str, tuple[float, float]]:
+        """Least and largest value of each series; a stream makes all its days for it, once."""
+        return dict(self._survey.extremes)
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the day labels and of every name and sample; the clock does not count."""
+        return self._survey.sha256
+
+    @property
+    def day_sha256(self) -> list[str]:
+        """Digest of each day's label and samples."""
+        return list(self._survey.day_sha256)
+
+    @cached_property
+    def _survey(self) -> Survey:
+        found, stopped = surveyed(self)
+        warn_of_stops(stopped)
+        return found
+
+    @property
+    def dampest(self) -> Dampest:
+        """The sample of entering air that is nearest to saturation."""
+        return self._survey.dampest
+
+    @property
+    def extent(self) -> str:
+        """Length, days and start: ``24 h x 3 days from 2023-07-01 00:00:00 (UTC-08:00)``."""
+        text = f"{self.hours:g} h" + (f" x {self.n_days} days" if self.has_day_dim else "")
+        if self.start is not None:
+            text += f" from {str(self.start[0]).replace('T', ' ')}" + (f" ({self.time_zone})" if self.time_zone else "")
+        return text
+
+    def describe(self) -> str:
+        """One line: the length, the days, and the range of every series that is not at its default."""
+        found = []
+        for name, (low, high) in self.own_extremes.items():
+            unit = "" if BOUNDARY_SERIES[name].unit == "1" else f" {BOUNDARY_SERIES[name].unit}"
+            found.append(f"{name} {low:.4g}{unit}" if low == high else f"{name} {low:.4g} to {high:.4g}{unit}")
+        return f"{self.extent}: {', '.join(found)}"
+
+    @property
+    def own_extremes(self) -> dict[str, tuple[float, float]]:
+        """The ranges of the series that are not at their default throughout."""
+        return {n: ends for n, ends in self.extremes.items() if ends != (BOUNDARY_SERIES[n].default,) * 2}
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Boundary):
+            return NotImplemented
+        return self is other or (np.array_equal(self.day, other.day) and self.sha256 == other.sha256)
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+    @property
+    def maker(self) -> Maker:
+        """Makes its days again, for a stream of other days."""
+        return self._make or self.of_day
+
     def __repr__(self) -> str:
         return text_of(self)
 
@@ -125,49 +294,34 @@ class Boundary(Samples):
         """Mean and range of the series of all days over time, as a matplotlib ``Figure``."""
         return draw(self)
 
-    def assign(
-        self,
-        *,
-        m_a: Values = KEPT,
-        T_a_in: Values = KEPT,
-        W_a_in: Values = KEPT,
-        T_w_in: Values = KEPT,
-        T_set: Values = KEPT,
-        noise: Values = KEPT,
-        enabled: Values = KEPT,
-        backlash_scale: Values = KEPT,
-        day: Values = KEPT,
-        start: Values = KEPT,
-        time_zone: Values = KEPT,
-    ) -> Boundary:
+    def assign(self, **changes: Values) -> Boundary:
         """A copy with other series, labels or clock, each given as to `Boundary`; None takes one back to its default.
 
         Where ``enabled`` follows from the air flow, it is computed from the new one.
         """
-        changes = {name: value for name, value in locals().items() if name != "self" and value is not KEPT}
-        by_air = self._by_air if "enabled" not in changes else changes["enabled"] is None
-        label = self._ds["day"].values
-        series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
-        clock = {"start": self.start, "time_zone": self.time_zone}
-        clock |= {name: changes[name] for name in clock if name in changes}
-        day = None if "day" in changes and self._make is None else label
+        names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
+        if unknown := [name for name in changes if name not in names]:
+            raise InputError([f"{name}{nearest(name, names)}: use {', '.join(names)}" for name in unknown])
+        by_air = changes["enabled"] is None if "enabled" in changes else self._by_air
+        clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
         zone = None if {"start", "time_zone"} & changes.keys() else self.clock_zone
-        known = Frame(self.n_steps, Course(day, 0.0, start, zone))
+        known = Frame(self.n_steps, Course(self._ds["day"].values, 0.0, start, zone))
         problems: list[str] = []
+        series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
         given, frame = read_series(series, problems, day=changes.get("day"), known=known)
         if problems:
             raise InputError(problems)
+        replaced = {name: None if changes[name] is None else one for name, one in given.items()}
+        if by_air and "m_a" in changes:
+            replaced["enabled"] = None
+        make = partial(replaced_day, self.maker, replaced) if replaced else self.maker
+        changed = Boundary._stream(make, np.asarray(frame.course.day), self.n_steps, **clock, by_air=by_air)
         if self._make is not None:
-            replaced = {name: None if changes[name] is None else one for name, one in given.items()}
-            make = partial(replaced_day, self._make, replaced) if series else self._make
-            return Boundary._stream(make, np.asarray(frame.course.day), self.n_steps, **clock, by_air=by_air)
-        kept = {str(name): values.values for name, values in self._ds.data_vars.items()}
-        if self._by_air and "m_a" in changes:
-            del kept["enabled"]
-        changed = Boundary(**{**kept, "day": label, **clock, **changes})
-        changed._by_air = by_air
-        return changed
+            return changed
+        if by_air and {"m_a", "enabled"} & changes.keys():
+            warn_of_stops(int(np.count_nonzero(changed.series["enabled"] == 0.0)))
+        return Boundary.of(changed.to_dataset(), time_zone=changed.time_zone, by_air=by_air)
 
     @classmethod
     def _stream(
@@ -204,33 +358,27 @@ class Boundary(Samples):
         return Boundary.of(ds, make=make, time_zone=self.time_zone, by_air=self._by_air)
 
     @staticmethod
-    def concat(boundaries: Sequence[Boundary], dim: str = "day") -> Boundary:
-        """Put boundaries together: their days, or with ``dim="elapsed_time"`` one after the other in time.
+    def concat(boundaries: Sequence[Boundary]) -> Boundary:
+        """Put the days of boundaries together; streams give a stream.
 
-        Streams give a stream.  Days must have one length and distinct labels.  Hours must be of the same
-        days, and where starts are known, each boundary must start when the one before ends.
+        Days must have one length, distinct labels and one time zone, and a start all or none.
         """
         cure = "give a list of boundaries"
         if not isinstance(boundaries, (list, tuple)) or not boundaries:
             raise InputError(WrongType(f"boundaries = {shown(boundaries)}: {cure}"))
         for i, one in enumerate(boundaries):
             instance_of(f"boundaries[{i}]", one, Boundary, cure)
-        dim = choice_of("dim", dim, ("day", "elapsed_time"))
-        if problems := list(_joining_problems(boundaries, dim)):
+        if problems := list(_joining_problems(boundaries)):
             raise InputError(problems)
         zone, by_air = next(filter(None, (b.time_zone for b in boundaries)), ""), all(b._by_air for b in boundaries)
         streamed = any(one.is_streamed for one in boundaries)
         sets = [one._ds.drop_vars(list(one._ds.data_vars)) if streamed else one._ds for one in boundaries]
-        sets = [with_day_dim(ds) for ds in sets] if dim == "day" else sets
-        ds = xr.concat(sets, dim, data_vars="minimal", coords="minimal", compat="override", join="exact")
+        sets = [with_day_dim(ds) for ds in sets]
+        ds = xr.concat(sets, "day", data_vars="minimal", coords="minimal", compat="override", join="exact")
         make = None
-        if streamed and dim == "day":
+        if streamed:
             days = [(i, k) for i, one in enumerate(boundaries) for k in range(one.n_days)]
             make = partial(picked_day, [one.maker for one in boundaries], *np.array(days).T)
-        elif streamed:
-            make = partial(joined_day, [one.of_day for one in boundaries])
-        seconds = np.arange(float(ds.sizes["elapsed_time"]))
-        ds = ds.assign_coords(elapsed_time=("elapsed_time", seconds, ds["elapsed_time"].attrs))
         return Boundary.of(ds, make=make, time_zone=zone, by_air=by_air)
 
     def to_dataset(self) -> xr.Dataset:
@@ -263,8 +411,7 @@ class Boundary(Samples):
         make: Callable[[int], Mapping[str, Any]],
         *,
         day: Values,
-        n_steps: int | None = None,
-        hours: float | None = None,
+        hours: float,
         start: Any = None,
         time_zone: str | None = None,
     ) -> Boundary:
@@ -279,8 +426,8 @@ class Boundary(Samples):
             be pickled.
         day
             Labels of the days, as for `Boundary`.
-        n_steps, hours
-            Length of each day, in seconds or in hours; give one of them.
+        hours
+            Length of each day, a whole number of seconds.
         start, time_zone
             As for `Boundary`.
         """
@@ -288,15 +435,10 @@ class Boundary(Samples):
             if not callable(make):
                 cure = "give a function that returns the series of the day of a label"
                 check.problems.append(WrongType(f"make = {shown(make)}: {cure}"))
-            if (n_steps is None) == (hours is None):
-                check.problems.append("n_steps and hours: give one of them, the length of each day")
-            elif n_steps is not None:
-                n_steps = check(whole_of, "n_steps", n_steps, 1, _LONGEST)
-            else:
-                n_steps = check(whole_seconds, hours)
+            n_steps = check(whole_seconds, hours)
             labels = np.asarray(label_array(day, check.problems))
         maker = partial(labelled_day, make, np.atleast_1d(labels).astype(np.int64))
-        days = cls._stream(maker, labels, n_steps or 0, start, time_zone)
+        days = cls._stream(maker, labels, n_steps, start, time_zone)
         days.of_day(0)
         return days
 
@@ -374,9 +516,8 @@ class Boundary(Samples):
         return cls(**series, start=begins, time_zone=log.time_zone)
 
 
-def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> Iterator[str]:
-    """Why boundaries cannot be put together, a sentence each."""
-    first = boundaries[0]
+def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[str]:
+    """Why days cannot be put together, a sentence each."""
     zones = sorted({one.time_zone for one in boundaries} - {""})
     if len(zones) > 1:
         yield f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one"
@@ -386,22 +527,10 @@ def _joining_problems(boundaries: Sequence[Boundary], dim: str) -> Iterator[str]
             f"boundary {known.index(True)} has a start and boundary {known.index(False)} has none: give it one with "
             "assign(start=…), or assign(start=None) to the others"
         )
-    if dim == "day":
-        for i, one in enumerate(boundaries):
-            if one.n_steps != first.n_steps:
-                yield f"boundary {i} lasts {one.n_steps:,} s, the first {first.n_steps:,} s: give days of one length"
-        labels, counts = np.unique(np.concatenate([one.day for one in boundaries]), return_counts=True)
-        if counts.max() > 1:
-            yield f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"
-        return
-    for i, (before, one) in enumerate(zip(boundaries, boundaries[1:], strict=False), start=1):
-        if one.has_day_dim != first.has_day_dim or (one.has_day_dim and not np.array_equal(one.day, first.day)):
-            n = [f"the days {shown(each.day.tolist())}" if each.has_day_dim else "no dim day" for each in (one, first)]
-            yield f"boundary {i} has {n[0]}, the first {n[1]}: give the same days, in the same order"
-        elif one.start is not None and before.start is not None:
-            ends = before.start + np.timedelta64(before.n_steps, "s")
-            for k in np.flatnonzero(ends != one.start)[:1]:
-                yield (
-                    f"boundary {i} starts at {one.start[k]}, the one before ends at {ends[k]}: put together what "
-                    "follows without a gap, or assign(start=None) to all"
-                )
+    first = boundaries[0].n_steps
+    for i, one in enumerate(boundaries):
+        if one.n_steps != first:
+            yield f"boundary {i} lasts {one.n_steps:,} s, the first {first:,} s: give days of one length"
+    labels, counts = np.unique(np.concatenate([one.day for one in boundaries]), return_counts=True)
+    if counts.max() > 1:
+        yield f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"

@@ -19,7 +19,7 @@ from typing import Literal, TypeAlias
 from fastcoil.base.arguments import checking, number_of, path_of, text_of, whole_of
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import require_mappings
-from fastcoil.loops.boundary.air_handler import DAY, chosen_settings, outdoors_of, series_of_day, settings_of
+from fastcoil.loops.boundary.air_handler import chosen_settings, outdoors_of, series_of_day, settings_of
 from fastcoil.loops.boundary.conditions import condition_of, days_of, several_of
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.weather_files import WEEKDAYS, Weather, read_weather, warn_of_hours
@@ -244,7 +244,7 @@ def weather_year(
     return Boundary.from_days(
         partial(series_of_day, settings, outdoors),
         day=labels,
-        n_steps=DAY,
+        hours=24,
         start=[day.isoformat() for day in dates],
         time_zone=weather.time_zone,
     )

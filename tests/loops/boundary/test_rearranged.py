@@ -16,7 +16,7 @@ def of_label(label):
     return {name: values[0] for name, values in DAYS.sel([label]).series.items()}
 
 
-STREAM = Boundary.from_days(of_label, day=[5, 3, 8], n_steps=N, start="2024-01-30T06:00", time_zone="UTC-08:00")
+STREAM = Boundary.from_days(of_label, day=[5, 3, 8], hours=N / 3600, start="2024-01-30T06:00", time_zone="UTC-08:00")
 both = pytest.mark.parametrize("days", [DAYS, STREAM], ids=["held", "streamed"])
 
 
@@ -128,42 +128,18 @@ def test_days_put_together_are_the_days_that_were_taken_apart(parts):
     assert joined.is_streamed == any(part.is_streamed for part in parts)
 
 
-@both
-def test_hours_put_together_are_the_hours_that_were_taken_apart(days):
-    ds = DAYS.to_dataset()
-    pieces = [Boundary.from_dataset(ds.isel(elapsed_time=part)) for part in (slice(None, 400), slice(400, None))]
-    assert same(Boundary.concat(pieces, dim="elapsed_time"), DAYS)
-    later = days.assign(m_a=1.25, start=DAYS.start + np.timedelta64(N, "s"))
-    twice = Boundary.concat([days, later], dim="elapsed_time")
-    assert twice.n_steps == 2 * N
-    assert twice.is_streamed == days.is_streamed
-    np.testing.assert_array_equal(twice.of_day(1)["m_a"], np.append(DAYS.of_day(1)["m_a"], np.full(N, 1.25)))
-    np.testing.assert_array_equal(twice.start, DAYS.start)
-
-
 @pytest.mark.parametrize(
-    ("boundaries", "dim", "words"),
+    ("boundaries", "words"),
     [
-        ([DAYS, DAYS], "day", ["day label 3 appears twice", "assign(day=7)"]),
-        ([DAYS, constant_day(0.5).assign(start="2024-05-01")], "day", ["boundary 1 lasts 1,800 s, the first 900 s"]),
-        ([DAYS, constant_day(0.25)], "day", ["boundary 0 has a start and boundary 1 has none", "assign(start=None)"]),
-        (
-            [DAYS, constant_day(0.25).assign(start="2024-05-01", time_zone="UTC")],
-            "day",
-            ["UTC and UTC-08:00"],
-        ),
-        ([DAYS, DAYS], "elapsed_time", ["boundary 1 starts at 2024-01-30T06:00:00", "ends at 2024-01-30T06:15:00"]),
-        ([DAYS, DAYS.isel(0)], "elapsed_time", ["boundary 1 has no dim day, the first the days [5, 3, 8]"]),
-        (
-            [DAYS, DAYS.isel([2, 1, 0])],
-            "elapsed_time",
-            ["boundary 1 has the days [8, 3, 5], the first the days [5, 3, 8]"],
-        ),
-        ([], "day", ["boundaries = []", "give a list"]),
-        ([DAYS, 3], "day", ["boundaries[1] is a int"]),
+        ([DAYS, DAYS], ["day label 3 appears twice", "assign(day=7)"]),
+        ([DAYS, constant_day(0.5).assign(start="2024-05-01")], ["boundary 1 lasts 1,800 s, the first 900 s"]),
+        ([DAYS, constant_day(0.25)], ["boundary 0 has a start and boundary 1 has none", "assign(start=None)"]),
+        ([DAYS, constant_day(0.25).assign(start="2024-05-01", time_zone="UTC")], ["UTC and UTC-08:00"]),
+        ([], ["boundaries = []", "give a list"]),
+        ([DAYS, 3], ["boundaries[1] is a int"]),
     ],
 )
-def test_what_cannot_be_put_together_is_refused(boundaries, dim, words):
-    text = "\n".join(problems(Boundary.concat, boundaries, dim))
+def test_what_cannot_be_put_together_is_refused(boundaries, words):
+    text = "\n".join(problems(Boundary.concat, boundaries))
     for word in words:
         assert word in text

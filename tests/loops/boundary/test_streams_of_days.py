@@ -32,7 +32,7 @@ def in_memory(labels, make=made):
 
 
 def streamed(labels=(3, 1, 2), make=made, **options):
-    return Boundary.from_days(make, day=list(labels), n_steps=N, **options)
+    return Boundary.from_days(make, day=list(labels), hours=N / 3600, **options)
 
 
 def test_a_stream_is_the_same_boundary_as_its_days_in_memory():
@@ -122,16 +122,15 @@ def test_a_bad_day_is_named_when_it_is_made(changes, words):
 
 
 def test_bad_arguments_of_from_days():
-    found = problems(Boundary.from_days, "weather", day=[1, 1])
+    found = problems(Boundary.from_days, "weather", day=[1, 1], hours=-1.0)
     assert len(found) == 3
-    for one, word in zip(found, ("make = 'weather'", "n_steps and hours", "twice"), strict=True):
+    for one, word in zip(found, ("make = 'weather'", "hours = -1", "twice"), strict=True):
         assert word in one
-    assert "give one of them" in only_problem(Boundary.from_days, made, day=[1], hours=1.0, n_steps=3600)
-    assert "a list for day 1" in only_problem(Boundary.from_days, lambda label: [label], day=[1], n_steps=N)
-    message = only_problem(Boundary.from_days, lambda label: 1 / 0, day=[1], n_steps=N)
+    assert "a list for day 1" in only_problem(Boundary.from_days, lambda label: [label], day=[1], hours=N / 3600)
+    message = only_problem(Boundary.from_days, lambda label: 1 / 0, day=[1], hours=N / 3600)
     assert "make fails for day 1, ZeroDivisionError" in message
 
 
 def test_series_of_a_stream_that_do_not_fit_are_refused(monkeypatch):
-    monkeypatch.setattr("fastcoil.loops.boundary.samples.available_memory", lambda: 10000)
+    monkeypatch.setattr("fastcoil.loops.boundary.record.available_memory", lambda: 10000)
     assert_only_problem(["3 days of 900 s", "of_day"], lambda: streamed().series)
