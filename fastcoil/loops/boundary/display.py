@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style
+from fastcoil.loops.boundary.samples import Samples
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 from fastcoil.loops.labels import unit_in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fastcoil.loops.boundary.record import Boundary
 
-
-def text_of(days: Boundary) -> str:
+def text_of(days: Samples) -> str:
     """For a terminal; a stream without known ranges shows how many days it has: making all takes too long."""
     made = ", made day by day" if days.is_streamed else ""
     if days.is_streamed and not days.is_surveyed:
@@ -48,7 +47,7 @@ _POINTS = 1500
 
 
 @apply_style()
-def draw(days: Boundary) -> Figure:
+def draw(days: Samples) -> Figure:
     """Mean and range of all days over time: temperatures, air flow and humidity; other series where they differ."""
     from matplotlib.figure import Figure
 

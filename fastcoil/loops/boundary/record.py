@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,29 +11,22 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import checking, instance_of, path_of, whole_of
-from fastcoil.base.arrays import Array
+from fastcoil.base.arguments import checking, instance_of, path_of
 from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
-from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs import read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.loops.boundary.clock import SECONDS, Clock, Times, clock_of
+from fastcoil.loops.boundary.clock import Clock, clock_of
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.display import draw, text_of
-from fastcoil.loops.boundary.humidity import Dampest
 from fastcoil.loops.boundary.samples import (
     Maker,
-    Survey,
-    checked_day,
+    Samples,
     dataset_of,
-    day_digest,
-    frozen,
     labelled_day,
     picked_day,
     replaced_day,
-    surveyed,
     variables_of,
     with_day_dim,
 )
@@ -57,7 +50,7 @@ _OF_A_LOG = Wanted(
 _HOLD = [name for name, series in BOUNDARY_SERIES.items() if series.hold]
 
 
-class Boundary:
+class Boundary(Samples):
     """The series that act on the loop, in 1-s samples, on one day or several; immutable.
 
     Parameters
@@ -88,12 +81,6 @@ class Boundary:
     DataArray that declares ``units`` is converted from them.  All mistakes are raised together, in one
     `InputError`.
     """
-
-    _ds: xr.Dataset
-    """Labels and clock as coordinates, ``start`` only if it is known; the series unless a maker gives them."""
-    _make: Maker | None
-    _time_zone: str
-    _by_air: bool
 
     def __init__(
         self,
@@ -126,166 +113,6 @@ class Boundary:
         warn_of_stops(stopped)
         ds = dataset_of(whole, labels, n_steps or 0, clock)
         self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
-
-    @classmethod
-    def of(cls, ds: xr.Dataset, *, make: Maker | None = None, time_zone: str = "", by_air: bool = False) -> Boundary:
-        """A boundary of checked samples; ``by_air``: the air flow alone decides on ``enabled``."""
-        self = cls.__new__(cls)
-        self.__setstate__({"_ds": ds, "_make": make, "_time_zone": time_zone, "_by_air": by_air})
-        return self
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        for variable in self._ds.data_vars.values():  # a copied or pickled array is writeable
-            frozen(variable.values)
-
-    @property
-    def is_streamed(self) -> bool:
-        """Whether days are made on demand instead of held in memory."""
-        return self._make is not None
-
-    @property
-    def day(self) -> NDArray[np.int64]:
-        """Labels of the days, (n_days,), read-only."""
-        return frozen(np.atleast_1d(self._ds["day"].values).astype(np.int64))
-
-    @property
-    def has_day_dim(self) -> bool:
-        """Whether results have a dim ``day``."""
-        return "day" in self._ds.dims
-
-    @property
-    def n_days(self) -> int:
-        return int(self._ds.sizes.get("day", 1))
-
-    @property
-    def n_steps(self) -> int:
-        """Number of 1-s steps."""
-        return int(self._ds.sizes["elapsed_time"])
-
-    @property
-    def hours(self) -> float:
-        return self.n_steps / 3600
-
-    @property
-    def start(self) -> Times | None:
-        """Date and time of the first sample of each day, (n_days,) datetime64[s]; None if unknown."""
-        return np.atleast_1d(self._ds["start"].values).astype(SECONDS) if "start" in self._ds.coords else None
-
-    @property
-    def time_zone(self) -> str:
-        """The time zone of ``start``; blank if unknown."""
-        return self._time_zone
-
-    @property
-    def clock_zone(self) -> str | None:
-        """The time zone of ``start``, blank if it has none; None if nothing is known of the clock."""
-        return self._time_zone or (None if self.start is None else "")
-
-    @property
-    def start_coordinate(self) -> xr.DataArray | None:
-        """``start`` as a coordinate of results, along ``day`` if there is that dim; None if unknown."""
-        return xr.DataArray(self._ds["start"].variable) if "start" in self._ds.coords else None
-
-    @property
-    def series(self) -> dict[str, Array]:
-        """All series by name, each float64 (n_days, n_steps), read-only; all days of a stream are made for it."""
-        if self._make is None:
-            return {str(name): np.atleast_2d(values.values) for name, values in self._ds.data_vars.items()}
-        needed, available = 8 * len(BOUNDARY_SERIES) * self.n_days * self.n_steps, available_memory()
-        if needed > available:
-            raise InputError(
-                f"series of {self.n_days} days of {self.n_steps:,} s take {gib(needed)} of memory, {gib(available)} "
-                "are available: take a day at a time with of_day, or some days with isel"
-            )
-        whole = {name: np.empty((self.n_days, self.n_steps)) for name in BOUNDARY_SERIES}
-        for k in range(self.n_days):
-            for name, values in self.of_day(k).items():
-                whole[name][k] = values
-        return {name: frozen(values) for name, values in whole.items()}
-
-    def of_day(self, k: int) -> dict[str, Array]:
-        """The series of one day by position, each float64 (n_steps,), read-only."""
-        k = whole_of("k", k, 0, self.n_days - 1)
-        rows, _ = self.made(k)
-        if self._make is not None and self.is_surveyed and day_digest(int(self.day[k]), rows) != self.day_sha256[k]:
-            raise InputError(
-                f"make gives other samples for day {self.day[k]} than before: it must give the same each time, draw "
-                "random numbers from a generator that is seeded with the label"
-            )
-        return rows
-
-    def made(self, k: int) -> tuple[dict[str, Array], int]:
-        """The series of a day, and how many of its seconds a stream finds to be off for want of air flow."""
-        if self._make is None:
-            return {name: values[k] for name, values in self.series.items()}, 0
-        label, start = int(self.day[k]), None if self.start is None else self.start[k]
-        return checked_day(self._make(k), self.n_steps, Course(np.asarray(label), None, start, self.clock_zone))
-
-    @property
-    def is_surveyed(self) -> bool:
-        """Whether ranges and digests are known: those of a stream take a pass over all its days."""
-        return "_survey" in self.__dict__
-
-    @property
-    def extremes(self) -> dict[str, tuple[float, float]]:
-        """Least and largest value of each series; a stream makes all its days for it, once."""
-        return dict(self._survey.extremes)
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the day labels and of every name and sample; the clock does not count."""
-        return self._survey.sha256
-
-    @property
-    def day_sha256(self) -> list[str]:
-        """Digest of each day's label and samples."""
-        return list(self._survey.day_sha256)
-
-    @cached_property
-    def _survey(self) -> Survey:
-        found, stopped = surveyed(self)
-        warn_of_stops(stopped)
-        return found
-
-    @property
-    def dampest(self) -> Dampest:
-        """The sample of entering air that is nearest to saturation."""
-        return self._survey.dampest
-
-    @property
-    def extent(self) -> str:
-        """Length, days and start: ``24 h x 3 days from 2023-07-01 00:00:00 (UTC-08:00)``."""
-        text = f"{self.hours:g} h" + (f" x {self.n_days} days" if self.has_day_dim else "")
-        if self.start is not None:
-            text += f" from {str(self.start[0]).replace('T', ' ')}" + (f" ({self.time_zone})" if self.time_zone else "")
-        return text
-
-    def describe(self) -> str:
-        """One line: the length, the days, and the range of every series that is not at its default."""
-        found = []
-        for name, (low, high) in self.own_extremes.items():
-            unit = "" if BOUNDARY_SERIES[name].unit == "1" else f" {BOUNDARY_SERIES[name].unit}"
-            found.append(f"{name} {low:.4g}{unit}" if low == high else f"{name} {low:.4g} to {high:.4g}{unit}")
-        return f"{self.extent}: {', '.join(found)}"
-
-    @property
-    def own_extremes(self) -> dict[str, tuple[float, float]]:
-        """The ranges of the series that are not at their default throughout."""
-        return {n: ends for n, ends in self.extremes.items() if ends != (BOUNDARY_SERIES[n].default,) * 2}
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Boundary):
-            return NotImplemented
-        return self is other or (np.array_equal(self.day, other.day) and self.sha256 == other.sha256)
-
-    def __hash__(self) -> int:
-        return hash(self.sha256)
-
-    @property
-    def maker(self) -> Maker:
-        """Makes its days again, for a stream of other days."""
-        return self._make or self.of_day
 
     def __repr__(self) -> str:
         return text_of(self)

@@ -132,5 +132,5 @@ def test_bad_arguments_of_from_days():
 
 
 def test_series_of_a_stream_that_do_not_fit_are_refused(monkeypatch):
-    monkeypatch.setattr("fastcoil.loops.boundary.record.available_memory", lambda: 10000)
+    monkeypatch.setattr("fastcoil.loops.boundary.samples.available_memory", lambda: 10000)
     assert_only_problem(["3 days of 900 s", "of_day"], lambda: streamed().series)
