@@ -76,7 +76,7 @@ def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None
     command = shlex.join(["fastcoil", verb, str(study), "-o", str(folder)])
 
     def advice() -> str:
-        return f"; {kept} kept, to resume: {command}" if os.path.exists(folder) else ""
+        return f"; {kept} kept, to resume: {command}" if (folder / f"{verb}.json").exists() else ""
 
     def give_up(code: int) -> None:
         say(f"fastcoil: interrupted{advice()}", err=True)

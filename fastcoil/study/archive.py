@@ -27,7 +27,6 @@ from pydantic import TypeAdapter
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists, is_folder, storage_errors
 from fastcoil.base.text import printable
-from fastcoil.loops.provenance import ABSENT, PACKAGES
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.manifest import MANIFEST, Manifest, checksum
@@ -202,7 +201,7 @@ def pack(folder: Path, path: Path | None = None) -> Packed:
         elsewhere=inputs.elsewhere,
         files={member: _entry(source) for member, source in members.items()},
     )
-    guide = _readme(name, ds.attrs, listing, inputs.base).encode()
+    guide = _readme(name, ds, inputs).encode()
     listing = replace(listing, files={README: _entry(guide), **listing.files})
     members = {LISTING: listing.data, README: guide, **members}
 
@@ -264,40 +263,19 @@ def _entry(source: bytes | Path) -> Entry:
         return Entry(file.seek(0, os.SEEK_END), digest.hexdigest())
 
 
-_GUIDE = """{title}
-
-A study made with fastcoil {fastcoil_version} on {date_created}: the study file, its results, the files that it reads.
-
-content_sha256: {content_sha256}
-
-Check it:             fastcoil verify {name}.zip, and after unzip {name}.zip: fastcoil verify {name}
-Look at it:           fastcoil report {name}, or in Python: import fastcoil as fc; fc.open_study("{name}")
-Compute it again:     fastcoil run {study} -o again
-                      (with Python {python_version} and {packages};
-                      on the same kind of processor content_sha256 is then the same)
-One scenario again:   fastcoil rerun --help
-{elsewhere}
-{files}
-"""
-
-
-def _readme(name: str, attrs: Mapping[Any, Any], listing: Listing, base: str) -> str:
-    """For readers in ten years: what the archive is, how to check it, read it and compute it again."""
-    made = listing.made_with
-    known = {"fastcoil": made["fastcoil_version"], **made["package_versions"]}
-    packages = [f"{each}=={known[each]}" for each in ("fastcoil", *PACKAGES) if known.get(each, ABSENT) != ABSENT]
-    elsewhere = [f"To be there before it is verified or computed again: {printable(path)}   from {member}\n"
-                 for path, member in listing.elsewhere.items()]  # fmt: skip
-    return _GUIDE.format(
-        **made,
-        title=printable(str(attrs["title"])),
-        content_sha256=listing.content_sha256,
-        name=name,
-        packages=" ".join(packages),
-        study=f"{name}/{STUDY}" if base == HERE else f"{name}/{base}/{STUDY}",
-        elsewhere="".join(elsewhere),
-        files="\n".join(f"{entry.sha256}  {member}" for member, entry in listing.files.items()),
-    )
+def _readme(name: str, ds: xr.Dataset, inputs: Inputs) -> str:
+    """How to check and use what is unpacked."""
+    study = f"{name}/{STUDY}" if inputs.base == HERE else f"{name}/{inputs.base}/{STUDY}"
+    lines = [
+        printable(str(ds.attrs["title"])),
+        "",
+        f"A study made with fastcoil {ds.attrs['fastcoil_version']}; {LISTING} has all versions and hashes.",
+        f"Check it:         fastcoil verify {name}",
+        f"Look at it:       fastcoil report {name}",
+        f"Compute it again: fastcoil run {study} -o again",
+    ]
+    lines += [f"To be there before: {printable(path)}   from {member}" for path, member in inputs.elsewhere.items()]
+    return "\n".join(lines) + "\n"
 
 
 def archive_problems(path: Path) -> list[str]:

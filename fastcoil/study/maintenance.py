@@ -1,5 +1,6 @@
 """What a study's folder answers later: its progress, whether it is sound, one scenario in full or by its labels."""
 
+import math
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -32,9 +33,9 @@ from fastcoil.model.metric_table import (
     WARM_UP,
 )
 from fastcoil.model.numerics.jit import is_model
-from fastcoil.model.parameter_table import PARAMETERS, check_name
+from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import own_code_of, refuse_other_code
-from fastcoil.study.analysis.selected import is_label
+from fastcoil.study.analysis.selected import listed, selected
 from fastcoil.study.archive import archive_problems
 from fastcoil.study.file.own_code import Source
 from fastcoil.study.file.spec import read_study
@@ -49,13 +50,16 @@ RERUNS = "reruns"
 def status(folder: Path) -> list[str]:
     """The progress of the study in a folder, in words."""
     store = StudyFolder(folder)
-    manifest = store.require_manifest()
     holder = find_holder(folder)
     running = [f"It is being run by {holder}."] if holder else []
+    nothing = ["Nothing is finished yet.", *running]
+    if running and store.read_manifest() is None and not store.has_results:
+        return nothing
+    manifest = store.require_manifest()
     try:
         ds = open_study(folder)
     except InputError:  # no shard is finished
-        return ["Nothing is finished yet.", *running]
+        return nothing
     found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
     n, left = ds["status"].size, found["not_run"]
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
@@ -106,12 +110,9 @@ def rerun(
     study = store.read_study(manifest)
     layout = study.plan.layout
     coordinates = layout.coordinates()
-    labels = {dim: coordinates[dim].values for dim in layout.sizes}
-    position = find_position(labels, at)
-    flat = int(np.ravel_multi_index(tuple(position.values()), tuple(layout.sizes.values()))) if position else 0
+    flat, position, labels = _find(layout, at)
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
-    name = "_".join(f"{dim}={labels[dim][k]}" for dim, k in position.items()) or "scenario"
-    path = folder / RERUNS / f"{file_name(name)}.nc"
+    path = folder / RERUNS / f"{file_name('_'.join(labels) or 'scenario')}.nc"
     with storage_errors(path.parent, "made"):
         make_folder(path.parent)
     with hold(path.parent):  # not the study, which may be running; a folder that cannot be written is refused now
@@ -145,27 +146,27 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
     return run_shard(plan, last)
 
 
-def find_position(labels: Mapping[str, np.ndarray], at: Mapping[str, str]) -> dict[str, int]:
-    """Position along each dimension of the labels ``at``, given as text; a dimension of length 1 needs none."""
-    known = f"it has {', '.join(labels)}" if labels else "it has none, leave --at out"
-    problems = [
-        f"--at {dim}: no dimension of the study{nearest(dim, labels)}; {known}" for dim in at if dim not in labels
-    ]
-    position = {}
-    for dim, values in labels.items():
-        shown = ", ".join(map(str, values[:10])) + (", …" if values.size > 10 else "")
-        if dim not in at and values.size == 1:
-            position[dim] = 0
-        elif dim not in at:
-            problems.append(f"--at: {dim} is missing, choose one of {shown}")
-        else:
-            found = [k for k, v in enumerate(values) if is_label(v, at[dim])]
-            position[dim] = found[0] if found else 0
-            if not found:
-                problems.append(f"--at {dim}={at[dim]}: choose one of {shown}")
+def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:
+    """The scenario with the labels ``at``, given as text: flat index, position along each dimension, DIM=LABEL of each.
+
+    A dimension of length 1 needs no label.
+    """
+    sizes = layout.sizes
+    flat = np.arange(math.prod(sizes.values())).reshape(tuple(sizes.values()))
+    found = selected(
+        xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates()), {dim: [text] for dim, text in at.items()}
+    )
+    problems = []
+    for dim, n in found["status"].sizes.items():
+        if n > 1:
+            labels = listed([str(label) for label in found[dim].values])
+            problems.append(f"--at: {dim} is missing, choose one of {labels}")
     if problems:
         raise InputError(problems)
-    return position
+    found = found.squeeze()
+    index = int(found["status"])
+    position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))
+    return index, position, [f"{dim}={found[dim].values}" for dim in sizes]
 
 
 def _compare_with_stored(
@@ -229,18 +230,17 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     title, loop, boundary, warm_up, seed, carry_over = _whole(target)
     problems: list[str] = []
     with collecting(problems, "--set "):
-        loop = loop.assign(**_values(loop, changes))
-    layout = Layout(loop, boundary)
-    coordinates = layout.coordinates()
-    labels = {dim: coordinates[dim].values for dim in layout.sizes}
+        loop = loop.assign(**{name: _number_or_word(text) for name, text in changes.items()})
     if "replicate" in at:
         problems.append("--at replicate: replicates differ by their noise alone, leave it out")
+    layout = Layout(loop, boundary)
     position: dict[str, int] = {}
     with collecting(problems):
-        position = find_position(labels, {dim: label for dim, label in at.items() if dim != "replicate"})
+        _, position, labels = _find(layout, {dim: label for dim, label in at.items() if dim != "replicate"})
     if problems:
         raise InputError(problems)
-    one = layout.loop.assign(**_at(layout.loop, position)) if layout.loop.sizes else layout.loop
+    swept = layout.loop.swept
+    one = loop.assign(**{n: v.isel({d: position[str(d)] for d in v.dims}).item() for n, v in swept.items()})
     others = [name for name in unread_values(one) if name not in changes] if layout.loop.sizes else []
     unread: dict[str, Any] = {name: PARAMETERS[name].default for name in others}
     one = one.assign(**unread)
@@ -251,10 +251,9 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
             f"{target}: the scenario uses {' and '.join(foreign)}, code of the study's own, which is not run here: "
             "pick another scenario with --at, or use fc.explain in Python"
         )
-    place = ", ".join(f"{dim}={labels[dim][k]}" for dim, k in position.items())
     apart = "this day alone, from rest" if carry_over and position.get("day") else ""
     changed = ", ".join(f"{name}={text}" for name, text in changes.items())
-    named = "; ".join(filter(None, [title, place, changed, apart]))
+    named = "; ".join(filter(None, [title, ", ".join(labels), changed, apart]))
     return Scenario(named, one, boundary.isel(day=position.get("day", 0)), warm_up, seed)
 
 
@@ -280,26 +279,8 @@ def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int, bool]:
     return study.title, plan.layout.loop, plan.layout.boundary, plan.warm_up, plan.seed, plan.carry_over
 
 
-def _values(loop: Loop, changes: Mapping[str, str]) -> dict[str, float | str]:
-    """The changes as numbers and words."""
-    values: dict[str, float | str] = {}
-    problems: list[str] = []
-    for name, text in changes.items():
-        with collecting(problems):
-            is_word = loop.parameters[check_name(name, loop.parameters)].is_word
-            values[name] = text if is_word else _number(name, text)
-    if problems:
-        raise InputError(problems)
-    return values
-
-
-def _number(name: str, text: str) -> float:
+def _number_or_word(text: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{name}={text}: give a number") from None
-
-
-def _at(loop: Loop, position: Mapping[str, int]) -> dict[str, float | str]:
-    """The swept parameters at one position."""
-    return {name: values.isel({d: position[str(d)] for d in values.dims}).item() for name, values in loop.swept.items()}
+        return text

@@ -207,6 +207,8 @@ def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Datase
         ds = _finished_results(study, store, asked)
         if ds is not None:
             return _put_right(study, store, ds, asked.knowing(stored))
+        if stored is None and store.has_results and not is_of(store.open_results(), asked):
+            raise store.without_manifest()
     if stored is not None and not same_model(stored.model_sha256, asked.model_sha256):
         warnings.warn(
             f"{store.path} was computed with other sources of the model: everything is computed again", stacklevel=2

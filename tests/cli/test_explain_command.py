@@ -94,7 +94,7 @@ def test_a_preset_that_heats_runs_on_a_heating_day_with_its_water():
 
 def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
     assert refused(study, "--at", "backlash=0.05", "--at", "day=9,estimate_ratio=0") == (
-        "--at day=9: choose one of 1, 2, 3\n--at backlash=0.05: choose one of 0.02, 0.07"
+        "--at backlash=0.05: choose one of 0.02, 0.07\n--at day=9: choose one of 1, 2, 3"
     )
     assert refused(study, "--at", "day=1") == (
         "--at: backlash is missing, choose one of 0.02, 0.07\n--at: estimate_ratio is missing, choose one of 0.0, 0.9"
@@ -106,12 +106,12 @@ def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
     [
         (["lbnk"], "lbnk: no such file, folder or preset, did you mean 'lbnl'?; give a study file"),
         (["lbnl", "--set", "kpp=3"], "--set kpp is not a parameter, did you mean 'kp'?"),
-        (["lbnl", "--set", "kp=fast"], "--set kp=fast: give a number"),
+        (["lbnl", "--set", "kp=fast"], "--set kp = 'fast': give a number"),
         (["lbnl", "--set", "ti=0"], "--set ti = 0 s: must be above 0"),
         (["lbnl", "--set", "kp"], "--set kp: give NAME=VALUE"),
         (["lbnl", "--set", "kp=1", "--set", "kp=2"], "--set: 'kp' is given twice"),
         (["lbnl", "--at", "replicate=1"], "--at replicate: replicates differ by their noise alone"),
-        (["lbnl", "--at", "day=1"], "--at day: no dimension of the study; it has none, leave --at out"),
+        (["lbnl", "--at", "day=1"], "--at day: no label of this study; it has none"),
         (["lbnl", "-o", "figure.gif"], "-o figure.gif: give a file NAME.png, NAME.pdf or NAME.svg"),
         (["lbnl", "-o", "nowhere/figure.png"], "-o nowhere/figure.png: give a file"),
     ],

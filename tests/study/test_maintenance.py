@@ -5,10 +5,12 @@ import os
 import shlex
 
 import pytest
-from helpers.studies import PLAIN, copied, run_until_interrupted
+from helpers.commands import fastcoil
+from helpers.studies import PLAIN, copied, run_until_interrupted, write_study
 
 from fastcoil.base.errors import StorageError
 from fastcoil.study import maintenance
+from fastcoil.study.folder.folder import hold
 
 pytestmark = pytest.mark.kernel
 
@@ -18,6 +20,21 @@ def test_status_suggests_a_command_that_takes_the_folder_for_one_word(tmp_path):
     run_until_interrupted(PLAIN, out, 1)
     command = maintenance.status(out)[-1].removeprefix("To resume: ")
     assert shlex.split(command) == ["fastcoil", "run", "STUDY.toml", "-o", str(out)]
+
+
+def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    (out / "notes").mkdir(parents=True)
+    write_study(PLAIN, out)
+    monkeypatch.setattr("fastcoil.study.run.make_pool", interrupted)
+    said = fastcoil("run", tmp_path / "study.toml", "-o", out).stderr.splitlines()
+    assert said[-1] == "fastcoil: interrupted"
+    assert "holds no study" in fastcoil("status", out).stderr
+    with hold(out):
+        assert maintenance.status(out)[0] == "Nothing is finished yet."
 
 
 def test_a_rerun_that_cannot_be_written_is_refused_before_it_computes(tmp_path, monkeypatch):

@@ -52,7 +52,7 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--a
     kept: dict[Hashable, np.ndarray] = {}
     for name, texts in at.items():
         if name not in known:
-            has = _listed(known) or "none"
+            has = listed(known) or "none"
             problems.append(f"{option} {name}: no label of this study{nearest(name, known)}; it has {has}")
             continue
         labels, (dim,) = ds[name].values, ds[name].dims
@@ -71,7 +71,7 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--a
 def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[str, int], str]:
     """Position of one label along each of some dimensions, and the case in words."""
     option, dims = "--relative-to", [str(d) for d in ds["status"].dims if d in ds.coords]
-    has = f"it has {_listed(dims) or 'none'}"
+    has = f"it has {listed(dims) or 'none'}"
     unknown = [name for name in labels if name not in dims]
     problems = [f"{option} {name}: no dimension of what is drawn{nearest(name, dims)}; {has}" for name in unknown]
     problems += [f"{option} {name}: give one label" for name, texts in labels.items() if len(texts) > 1]
@@ -104,10 +104,11 @@ def _choices(ds: xr.Dataset, name: str, text: str) -> str:
     if labels.size > _MOST_LABELS and labels.dtype.kind in "if":
         with suppress(ValueError):  # a word
             labels = np.sort(labels[np.argsort(abs(labels - float(text)))[:_MOST_LABELS]])
-    return f"choose one of {_listed([str(label) for label in labels])}"
+    return f"choose one of {listed([str(label) for label in labels])}"
 
 
-def _listed(words: Sequence[Any]) -> str:
+def listed(words: Sequence[Any]) -> str:
+    """The first of many words."""
     return ", ".join(words[:_MOST_LABELS]) + (", …" if len(words) > _MOST_LABELS else "")
 
 

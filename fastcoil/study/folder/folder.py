@@ -98,16 +98,20 @@ class StudyFolder:
         """The manifest of the run; ``InputError`` if the folder holds no study, ``IntegrityError`` if it is lost."""
         manifest = self.read_manifest()
         if manifest is None and self.has_results:
-            raise IntegrityError(
-                f"{self.path / MANIFEST} is missing: run the study again, with -o {self.path}, which writes it; the "
-                "results are kept"
-            )
+            raise self.without_manifest()
         if manifest is None:
             require_no_archive(self.path)
             raise InputError(
                 f"{self.path} holds no study: run one first, with `fastcoil run STUDY.toml -o {self.path}`"
             )
         return manifest
+
+    def without_manifest(self) -> IntegrityError:
+        """Error for results of which no manifest says what they are."""
+        return IntegrityError(
+            f"{self.path / MANIFEST} is missing: the results are of fastcoil 0.1, which that version opens, or it "
+            f"was lost, and running the same study again with -o {self.path} writes it"
+        )
 
     def write_manifest(self, manifest: Manifest, text: str) -> None:
         """Record which study is run, before its first shard."""

@@ -10,14 +10,16 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.studies import TRACED, golden, larger, run, verify
+from helpers.studies import TRACED, contents, golden, larger, run, verify
 
 import fastcoil as fc
 from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
+from fastcoil.study.archive import pack
 from fastcoil.study.folder import result_files as final
 from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.results import open_results
 
 pytestmark = pytest.mark.kernel
 
@@ -170,13 +172,16 @@ def test_opened_results_leave_no_file_open(finished):
 
 def test_results_whose_run_json_was_lost_are_tried_and_the_next_run_records_their_hashes(copied):
     outputs = Manifest.read(copied).outputs
-    before = (copied / "results.nc").stat().st_mtime_ns
     (copied / "run.json").unlink()
-    for what in (fc.open_study, maintenance.verify, maintenance.status):
-        with pytest.raises(IntegrityError, match=r"run\.json is missing: run the study again.*the results are kept"):
+    before = contents(copied)
+    said = r"run\.json is missing: the results are of fastcoil 0\.1, .* or it was lost, and running the same"
+    other = lambda out: run(larger(TRACED), out, extend=True)  # noqa: E731
+    for what in (open_results, maintenance.verify, maintenance.status, pack, other):
+        with pytest.raises(IntegrityError, match=said):
             what(copied)
+    assert contents(copied) == before
     assert run(TRACED, copied) == golden(TRACED)
-    assert (copied / "results.nc").stat().st_mtime_ns == before
+    assert contents(copied)["results.nc"] == before["results.nc"]
     assert Manifest.read(copied).finished
     assert Manifest.read(copied).outputs == outputs
 

@@ -208,7 +208,6 @@ def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, m
     with monkeypatch.context() as patch:
         patch.setattr("fastcoil.loops.simulate.compiled_for", compiled_for)
         run(PLAIN, out)
-    (out / "run.json").unlink()  # the results know it, too
     (warned,) = resume(out, larger(PLAIN), extend=True)
     assert "now another" in warned
     assert manifest.Manifest.read(out).computed_on == elsewhere
