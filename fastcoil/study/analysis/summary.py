@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from fastcoil.loops.labels import label_in_words, plain_pi, quantity_of, sizes_i
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
-from fastcoil.study.analysis.paired import Middle, change_of, middle_of, without_off_days
+from fastcoil.study.analysis.paired import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.selected import numeric_dims
 
 PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
@@ -93,15 +92,14 @@ def estimate_dim(ds: xr.Dataset) -> str | None:
 
 
 def comparable(ds: xr.Dataset) -> xr.Dataset:
-    """The loops in which an inverse has something to do: with backlash, without an error dead band; NaN elsewhere."""
-    return without_dead_band(ds.where(ds["backlash"] > 0.0) if "backlash" in ds.coords else ds)
+    """The loops in which an inverse has something to do, NaN elsewhere: with backlash, without an error dead band.
 
-
-def without_dead_band(ds: xr.Dataset) -> xr.Dataset:
-    """The scenarios without an error dead band, NaN elsewhere; all of them where none or every one has one."""
-    if "error_dead_band" not in ds.coords or not bool((ds["error_dead_band"] == 0.0).any()):
-        return ds
-    return ds.where(ds["error_dead_band"] == 0.0)
+    Where every loop has a dead band, all of them count.
+    """
+    if "backlash" in ds.coords:
+        ds = ds.where(ds["backlash"] > 0.0)
+    band = ds.coords.get("error_dead_band")
+    return ds if band is None or not bool((band == 0.0).any()) else ds.where(band == 0.0)
 
 
 def recommended(ds: xr.Dataset, ratio: str) -> float:
@@ -118,22 +116,17 @@ def recommended(ds: xr.Dataset, ratio: str) -> float:
     return float(travel.where(gain >= _MOST_OF * gain.max()).idxmin(ratio))
 
 
-def tuning_dims(ds: xr.Dataset) -> list[Hashable]:
-    """Dims along which gains differ and the plant does not, so that the best of them can be chosen."""
-    gains = {d for n in ("kp", "ti") if n in ds.coords for d in ds[n].dims}
-    return [d for d in ds["rmse"].dims if d in gains - _plant_dims(ds) and ds.sizes[d] > 1]
-
-
 def _plant_dims(ds: xr.Dataset) -> set[Hashable]:
     return {d for n in ds.coords if n in PARAMETERS and PARAMETERS[str(n)].group in PLANT for d in ds[n].dims}
 
 
 def best_plain_pi(plain: xr.Dataset) -> dict[Hashable, int] | None:
-    """The tuning of lowest error; None where there is no choice.
+    """The tuning of lowest error, along dims where gains differ and the plant does not; None where there is no choice.
 
     Lowest is the mean, over all else, of the RMSE relative to the best one of the same plant; days count together.
     """
-    dims = tuning_dims(plain)
+    gains = {d for n in ("kp", "ti") if n in plain.coords for d in plain[n].dims}
+    dims = [d for d in plain["rmse"].dims if d in gains - _plant_dims(plain) and plain.sizes[d] > 1]
     if not dims:
         return None
     error = plain["rmse"].mean([d for d in ("day", "replicate") if d in plain["rmse"].dims])
@@ -159,7 +152,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     medians = {name: float(error.median()) for name, error in errors.items()}
     lowest = min(medians.values(), default=0.0)
     if not lowest < -_LEAST_GAIN:
-        return {"Do this": f"leave the {pi} as it is: nothing that was tried lowers its RMS error by 1 %.", **_note(pi)}
+        return {"Do this": f"leave the {pi} as it is: nothing that was tried lowers its RMS error by 1 %."}
     chosen = next(name for name, median in medians.items() if median <= lowest + _ALIKE)
     (words, taken), error = options[chosen], errors[chosen]
     lower = float((error < 0.0).where(error.notnull()).mean())
@@ -173,15 +166,7 @@ def _against_plain_pi(ds: xr.Dataset, ratio: str) -> dict[str, str]:
     costs += f"{switches[0]:.1f} times in 10 min instead of {switches[1]:.1f}"
     costs += "; a larger buffer lowers that." if travel > _MUCH_TRAVEL else "."
     fails = _fails(seen, ratio, best, error)
-    return {"Do this": f"{words}.", "It brings": f"{brings}.", "It costs": costs, "It fails": fails, **_note(pi)}
-
-
-def _note(pi: str) -> dict[str, str]:
-    """What a study compares with whose estimate 0 is no plain PI."""
-    if pi == "plain PI":
-        return {}
-    how = "list the controllers in [cases.controller], one of them with estimate, buffer and buffer_ratio 0"
-    return {"Note": f"the buffer holds small reversals back at estimate 0, too; to compare with the plain PI {how}."}
+    return {"Do this": f"{words}.", "It brings": f"{brings}.", "It costs": costs, "It fails": fails}
 
 
 def _fails(ds: xr.Dataset, ratio: str, best: float, error: xr.DataArray) -> str:
@@ -235,9 +220,10 @@ def _in_words(ds: xr.Dataset | xr.DataArray, at: Mapping[Hashable, int]) -> str:
     return ", ".join(words)
 
 
-def _share(share: float) -> str:
+def _share(share: float, decimals: int = 0) -> str:
     """A share in per cent; 0 and 100 % are none and all."""
-    return f"{100.0 * share:.0f} %" if share in (0.0, 1.0) else f"{np.clip(round(100.0 * share), 1, 99)} %"
+    least = 0.0 if share in (0.0, 1.0) else 10.0**-decimals
+    return f"{np.clip(100.0 * share, least, 100.0 - least):.{decimals}f} %"
 
 
 def _percent(change: float) -> str:
@@ -253,9 +239,8 @@ def _of_one(ds: xr.Dataset) -> dict[str, str]:
     found = {name: float(ds[name].max()) for name in names if name in ds}
     said = f"the RMS error is {found['rmse']:.3g} K"
     if "hunts" in found:
-        said += f"; the loop hunts, {found['hunting_swing']:.2g} K peak to peak" if found["hunts"] else (
-            "; the loop does not hunt"
-        )  # fmt: skip
+        swing = f"hunts, {found['hunting_swing']:.2g} K peak to peak" if found["hunts"] else "does not hunt"
+        said += f"; the loop {swing}"
     costs = {"It costs": f"the motor travels {found['motor_travel']:.3g} strokes."} if "motor_travel" in found else {}
     return {"Found": f"{said}."} | costs
 
@@ -294,19 +279,14 @@ def _predicted(ds: xr.Dataset) -> list[str]:
     if not n:
         return ["Hunting: theory says nothing about these loops."]
     predicted, seen = (ds[name].where(known) > 0.0 for name in ("predicted_hunts", "hunts"))
-    agree = 100.0 * float((predicted == seen).where(known).mean())
-    cut = agree if agree in (0.0, 100.0) else min(agree, 99.9)  # 100 only if nothing is missing
-    return [
-        f"Hunting: predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}; "
-        f"{cut:.1f} % agree."
-    ]
+    agree = _share(float((predicted == seen).where(known).mean()), decimals=1)
+    counts = f"predicted for {int(predicted.sum()):,} of {n:,} loops, seen in {int(seen.sum()):,}"
+    return [f"Hunting: {counts}; {agree} agree."]
 
 
 # --- costs ------------------------------------------------------------------------------------------------------------
 
-_MOST_GROUPS, _MOST_LABELS = 4, 6
-"""Labels of other dims that get sentences of their own; labels that one sentence compares."""
-_GROWN = 0.01  # % of stroke; less is no wear
+_MOST_LABELS = 6  # compared with the baseline, a line each
 _WHOLE = 0.99  # of the scenarios: a run of fewer resumed an earlier one
 
 
@@ -331,14 +311,28 @@ def cost_lines(ds: xr.Dataset, billing: Billing) -> list[str]:
             f"A loop costs {_money(paid.median)} {currency} a year (median; 5 to 95 % of them: {_money(paid.q05)} to "
             f"{_money(paid.q95)}).  Add loops with backlash = 0 to see what of it the backlash costs."
         )
-        return lines + _wear(ds)
-    # every combination of the words along other dims
-    dims = [d for d in costs["status"].dims if d not in baseline and costs[d].dtype.kind in "UO"]
-    groups = list(itertools.product(*(costs[d].values for d in dims)))
-    for labels in groups if len(groups) <= _MOST_GROUPS else [()]:
-        at = dict(zip(dims, labels, strict=False))
-        lines += _compared(ds.sel(at), costs.sel(at), baseline, currency, ", ".join(map(str, labels)))
-    return lines + _wear(ds)
+        return lines
+    ((dim, label),) = baseline.items()
+    sound_costs = costs.sel(baseline, drop=True)
+    base = float(sound_costs["yearly_cost"].median())
+    lines.append(f"A loop with {_called(dim, label)} costs {_money(base)} {currency} a year (median).")
+    others = [each for each in costs[dim].values if each != label]
+    for k in np.unique(np.linspace(0, len(others) - 1, min(len(others), _MOST_LABELS)).round().astype(int)):
+        more = costs.sel({dim: others[k]}) - sound_costs
+        lines.append(_more_than(more, _called(dim, others[k]), currency))
+    return lines
+
+
+def _more_than(more: xr.Dataset, name: str, currency: str) -> str:
+    """What a label costs more a year than the baseline, how far the loops differ, and where the money goes."""
+    of = middle_of(more["yearly_cost"])
+    sure = "" if np.isnan(of.low) else f"between {_signed(of.low)} and {_signed(of.high)}, 95 % sure; "
+    parts = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
+    listed = ", ".join(f"{word} {_signed(float(more[f'yearly_{part}'].mean()))}" for word, part in parts.items())
+    return (
+        f"With {name}: {_signed(of.median)} {currency} a year (median of the same loops; {sure}5 to 95 % of them: "
+        f"{_signed(of.q05)} to {_signed(of.q95)}; on average {listed})."
+    )
 
 
 def sound(ds: xr.Dataset) -> dict[str, Any]:
@@ -353,92 +347,10 @@ def sound(ds: xr.Dataset) -> dict[str, Any]:
     return {str(dim): ds[dim].values[at[0]].item()}
 
 
-def _compared(ds: xr.Dataset, costs: xr.Dataset, baseline: dict[str, Any], currency: str, name: str) -> Iterator[str]:
-    """What the other labels cost more than the baseline, and what becomes of valve and temperature."""
-    ((dim, label),) = baseline.items()
-    others = [each for each in costs[dim].values if each != label]
-    spread = {round(k) for k in np.linspace(0, len(others) - 1, _MOST_LABELS)}
-    others = [each for k, each in enumerate(others) if len(others) <= _MOST_LABELS or k in spread]
-    extra = costs - costs.sel(baseline, drop=True)
-    found = {each: middle_of(extra["yearly_cost"].sel({dim: each})) for each in others}
-    base = float(costs["yearly_cost"].sel(baseline).median())
-    (first, of_first), *rest = ((_called(dim, each), m.median) for each, m in found.items())
-    said = "".join(f", {each} {_more(value)}" for each, value in rest)
-    first = first if name else first[0].upper() + first[1:]
-    yield (
-        f"{name + ': ' if name else ''}{first} costs {_more(of_first, currency)} a year than {_called(dim, label)}"
-        f"{said} (medians of the same loops; {_called(dim, label)}: {_money(base)} {currency} a year)."
-    )
-    worst = max(found, key=lambda each: found[each].median)
-    yield _detail(extra.sel({dim: worst}), found[worst], _called(dim, worst), currency)
-    yield _mechanics(ds, baseline, {dim: worst})
-
-
-def _detail(extra: xr.Dataset, of: Middle, name: str, currency: str) -> str:
-    """Where the money of the dearest label goes, and how it differs between valves."""
-    parts = {"coil": "coil_cost", "demand": "demand_cost", "reheat": "reheat_cost", "recooling": "recool_cost"}
-    listed = ", ".join(f"{word} {_signed(float(extra[f'yearly_{part}'].mean()))}" for word, part in parts.items())
-    sure = "" if np.isnan(of.low) else f"; the median lies between {_signed(of.low)} and {_signed(of.high)}, 95 % sure"
-    return (
-        f"With {name}, 5 to 95 % of the loops: {_signed(of.q05)} to {_signed(of.q95)} {currency} a year{sure}.  "
-        f"On average: {listed}."
-    )
-
-
-def _mechanics(ds: xr.Dataset, baseline: dict[str, Any], other: dict[str, Any]) -> str:
-    """Time off the set-point and travel of the motor of one label beside the baseline, on days with operation."""
-    good = without_off_days(ds[["rmse", "share_off", "motor_travel"]].where(ds["status"] == STATUS_OK))
-    means = good.mean("day") if "day" in good.dims else good
-    now, before = (100.0 * float(means["share_off"].sel(at).median()) for at in (other, baseline))
-    ratio = float((means["motor_travel"].sel(other) / means["motor_travel"].sel(baseline, drop=True)).median())
-    moved = f", and its motor travels {ratio:.1f} times as far" if np.isfinite(ratio) else ""
-    off_it = f"{now:.1f} % of the time instead of {before:.1f} %, mean of the days"
-    return f"Its air is more than 0.5 K off the set-point {off_it}{moved}."
-
-
-def _wear(ds: xr.Dataset) -> list[str]:
-    """How far the gaps grew from the first day to the last, valve by valve, where the days are a sequence."""
-    if not ds.attrs.get("carry_over") or "backlash_final" not in ds or "day" not in ds["backlash_final"].dims:
-        return []
-    gap = 100.0 * ds["backlash_final"].where(ds["status"] == STATUS_OK)
-    first, last = gap.isel(day=0), gap.isel(day=-1)
-    if not bool((last - first > _GROWN).any()):
-        return []
-    backlash = ds.coords.get("backlash")
-    dims = [] if backlash is None else [d for d in backlash.dims if d not in CHANCE_DIMS]
-    if len(dims) == 1 and ds.sizes[dims[0]] <= _MOST_LABELS:
-        (dim,) = dims
-        pairs = [(_called(str(dim), v.item()), first.sel({dim: v}), last.sel({dim: v})) for v in ds[dim].values]
-        each = [
-            f"{name} from {float(start.median()):.2f} to {float(end.median()):.2f} % of stroke"
-            for name, start, end in pairs
-            if bool((end - start > _GROWN).any())
-        ]
-        line = f"Wear, from the first day to the last (medians): {'; '.join(each)}."
-    else:
-        grown = middle_of(last - first)
-        line = (
-            f"Wear, from the first day to the last: the gap of a valve grows by {grown.median:.2f} % of stroke "
-            f"(median; 5 to 95 % of them: {grown.q05:.2f} to {grown.q95:.2f} %)."
-        )
-    most = 100.0 * PARAMETERS["backlash"].upper
-    at_bound = int((last > most - _GROWN).sum())
-    if at_bound:
-        line += (
-            f"  {at_bound:,} of {int(last.notnull().sum()):,} loops end at {most:g} %, where the model stops their "
-            "wear: they raise every cost and travel above; look at them alone, or lower wear_rate."
-        )
-    return [line]
-
-
 def _called(dim: str, label: object) -> str:
     if dim == "backlash" and isinstance(label, float):
         return f"a gap of {100.0 * label:g} %" if label else "no gap"
-    return str(label) if isinstance(label, str) else f"{dim} {label:g}"
-
-
-def _more(value: float, currency: str = "") -> str:
-    return f"{f'{_money(abs(value))} {currency}'.rstrip()} {'less' if value < 0.0 else 'more'}"
+    return f"{dim} {label}" if isinstance(label, str) else f"{dim} {label:g}"
 
 
 def _signed(value: float) -> str:
