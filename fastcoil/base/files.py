@@ -273,6 +273,13 @@ def may_be_file(path: Path) -> bool:
     return not is_folder(path) and is_folder(path.absolute().parent)
 
 
+def require_file(option: str, path: Path, *suffixes: str) -> None:
+    """Raise unless a file with one of these suffixes could be written at ``path``."""
+    if path.suffix.lower() not in suffixes or not may_be_file(path):
+        names = " or ".join(f"NAME{suffix}" for suffix in suffixes)
+        raise InputError(f"{option} {path}: give a file {names} in a folder that exists")
+
+
 def _status(path: Path) -> os.stat_result | None:
     with storage_errors(path, "read"):
         try:

@@ -10,7 +10,7 @@ import click
 
 from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import exists, is_folder, may_be_file
+from fastcoil.base.files import exists, is_folder, require_file
 from fastcoil.cli.arguments import PATH, all_labels_of
 from fastcoil.cli.terminal import announce_compilation, say
 from fastcoil.model.metric_table import STATUS_NOT_RUN
@@ -185,8 +185,7 @@ def _target(path: Path, suffix: str, out: Path | None) -> Path:
         if exists(target) and not _is_table_of_ours(target):
             raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it")
         return target
-    if out.suffix.lower() != suffix or not may_be_file(out):
-        raise InputError(f"-o {out}: give a file NAME{suffix} in a folder that exists, or such a folder")
+    require_file("-o", out, suffix)
     return out
 
 

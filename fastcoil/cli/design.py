@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from fastcoil.base.errors import InputError, missing_extra
-from fastcoil.base.files import may_be_file
+from fastcoil.base.files import require_file
 from fastcoil.cli.arguments import PATH, labels_of, pairs
 from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.interrupts import interruptible
@@ -36,32 +36,20 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain lbnl --set kp=0.03 --set ti=5
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
+    from fastcoil.base.figures import FORMATS, write
     from fastcoil.design.explain import explain as explained
     from fastcoil.study.maintenance import one_scenario
 
-    form = _form_of(out)
+    if out is not None:
+        require_file("-o", out, *(f".{form}" for form in FORMATS))
     scenario = one_scenario(target, labels_of(at), pairs("--set", changes))
     announce_compilation()
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
     if out is not None:
-        from fastcoil.base.figures import write
-
-        for path in write({out.stem: found.plot()}, out.parent, format=form):
+        for path in write({out.stem: found.plot()}, out.parent, format=out.suffix.lower().removeprefix(".")):
             say(f"Figure:  {path}")
     write_report(found, report)
-
-
-def _form_of(out: Path | None) -> str:
-    """The format of a figure, from its suffix."""
-    from fastcoil.base.figures import FORMATS
-
-    if out is None:
-        return FORMATS[0]
-    form = out.suffix.removeprefix(".")
-    if form not in FORMATS or not may_be_file(out):
-        raise InputError(f"-o {out}: give a file NAME.png, NAME.pdf or NAME.svg in a folder that exists")
-    return form
 
 
 CHOSEN, FIGURE = "tuning.toml", "tuning"

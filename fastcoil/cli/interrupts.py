@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import click
 
-from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError
+from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError, out_of_memory
 from fastcoil.cli.terminal import complain, say
 
 _PATIENCE = 4.0  # seconds from an interrupt to the forced end of the process
@@ -30,11 +30,7 @@ class Commands(click.Group):
             complain(error)
             ctx.exit(error.exit_code)
         except MemoryError:
-            say(
-                "fastcoil: the memory ran out; finished scenarios are kept: use fewer workers with -j, sweep fewer "
-                "values, or cut the log, and run the same command again",
-                err=True,
-            )
+            complain(out_of_memory("the command ended"))
             ctx.exit(EXIT_STORAGE)
         except KeyboardInterrupt as interrupt:
             say(f"fastcoil: interrupted{interrupt}", err=True)
@@ -43,11 +39,6 @@ class Commands(click.Group):
     def main(self, *args: Any, **options: Any) -> NoReturn:  # type: ignore[override]
         """Run a command and exit; usage errors are printed through ``say``, with control characters escaped."""
         os.environ["MPLBACKEND"] = "agg"  # commands open no windows
-        try:
-            os.getcwd()
-        except OSError:
-            say("fastcoil: the current folder was removed: change to another one and repeat the command", err=True)
-            sys.exit(EXIT_STORAGE)
         try:
             code = super().main(*args, **options | {"standalone_mode": False})
         except click.Abort:  # interrupted before the command began

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit, exists, is_file, is_folder, may_be_file
+from fastcoil.base.files import commit, exists, is_file, is_folder, require_file
 from fastcoil.cli.arguments import PATH, pairs
 from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.terminal import announce_compilation, say
@@ -56,8 +56,7 @@ def require_writable(out: Path) -> None:
     """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
     from fastcoil.measured.fit import is_fit
 
-    if out.suffix != ".toml" or not may_be_file(out):
-        raise InputError(f"-o {out}: give a file NAME.toml in a folder that exists")
+    require_file("-o", out, ".toml")
     if exists(out) and not is_fit(out):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
     figure = out.with_suffix(".png")
@@ -164,7 +163,6 @@ def join(
 
 def _require_new(out: Path) -> None:
     """Raise unless ``out`` can be written and does not exist."""
-    if out.suffix != ".csv" or not may_be_file(out):
-        raise InputError(f"-o {out}: give a file NAME.csv in a folder that exists")
+    require_file("-o", out, ".csv")
     if exists(out):
         raise InputError(f"-o {out}: this file exists, choose another name or delete it")

@@ -1,44 +1,44 @@
-"""Standard streams that never raise: a full disk, a closed pipe or a closed descriptor is recorded instead."""
+"""Standard streams that never raise: what a full disk, a closed pipe or a closed descriptor loses is recorded."""
 
 import errno
-import fcntl
 import io
 import os
-import select
 import sys
-from typing import Any, NamedTuple, TextIO
-
-_FIRST_OF_OURS = 10  # lower descriptors are left to programs that rely on them
+from typing import Any, NamedTuple, TextIO, cast
 
 
-class Output(io.RawIOBase):
-    """Writes to a descriptor that stays open.  ``lost``: the first error; everything after it is discarded."""
+class Output:
+    """A text stream; from its first error on, ``lost``, it leads to /dev/null."""
 
-    def __init__(self, descriptor: int, lost: OSError | None = None) -> None:
-        self._descriptor = descriptor
-        self.lost = lost
+    def __init__(self, stream: TextIO | None, descriptor: int) -> None:
+        self.lost: OSError | None = None
+        if stream is None:  # the descriptor was closed when the interpreter started
+            self.lost = OSError(errno.EBADF, os.strerror(errno.EBADF))
+            stream = os.fdopen(descriptor, "w", encoding="utf-8", closefd=False)
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace", line_buffering=True)
+        self._stream = stream
 
-    def close(self) -> None:
-        pass
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except OSError as error:
+            self._give_up(error)
+            return len(text)
 
-    def write(self, data: Any) -> int:
-        while self.lost is None:
-            try:
-                return os.write(self._descriptor, data)
-            except BlockingIOError:  # the reader is slow
-                select.select([], [self._descriptor], [])
-            except OSError as error:
-                self.lost = error
-        return memoryview(data).nbytes
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._give_up(error)
 
-    def writable(self) -> bool:
-        return True
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
-    def fileno(self) -> int:
-        return self._descriptor
-
-    def isatty(self) -> bool:
-        return os.isatty(self._descriptor)
+    def _give_up(self, error: OSError) -> None:
+        self.lost = self.lost or error
+        with open(os.devnull, "w", encoding="utf-8") as nowhere:
+            os.dup2(nowhere.fileno(), self._stream.fileno())
 
 
 class Streams(NamedTuple):
@@ -49,8 +49,8 @@ class Streams(NamedTuple):
 
     def loss(self) -> str | None:
         """Why part of stdout was lost; None if nothing was lost, or only because the reader closed the pipe."""
-        sys.stdout.flush()
-        sys.stderr.flush()
+        self.stdout.flush()
+        self.stderr.flush()
         lost = self.stdout.lost
         return None if lost is None or lost.errno == errno.EPIPE else os.strerror(lost.errno or 0)
 
@@ -66,23 +66,6 @@ def guard_streams() -> Streams:
             os.fstat(descriptor)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # gets the lowest free number, this one
-    streams = Streams(*(_output(stream, k) for k, stream in ((1, sys.stdout), (2, sys.stderr))))
-    sys.stdout, sys.stderr = _text(streams.stdout, sys.stdout), _text(streams.stderr, sys.stderr)
+    streams = Streams(Output(sys.stdout, 1), Output(sys.stderr, 2))
+    sys.stdout, sys.stderr = cast("TextIO", streams.stdout), cast("TextIO", streams.stderr)
     return streams
-
-
-def _output(stream: TextIO | None, descriptor: int) -> Output:
-    if stream is None:  # the descriptor was closed when the interpreter started
-        return Output(descriptor, OSError(errno.EBADF, os.strerror(errno.EBADF)))
-    # a duplicate: if a study's code closes the original, a result file could get its number
-    try:
-        return Output(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_OF_OURS))
-    except OSError:  # fewer files may be open than that
-        return Output(descriptor)
-
-
-def _text(output: Output, before: TextIO | None) -> TextIO:
-    encoding = "utf-8" if before is None else before.encoding
-    return io.TextIOWrapper(
-        io.BufferedWriter(output), encoding=encoding, errors="backslashreplace", line_buffering=True
-    )

@@ -155,13 +155,6 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
     say(f"Traces:  {path}")
 
 
-@click.command(hidden=True, context_settings={"ignore_unknown_options": True})
-@click.argument("words", nargs=-1)
-def paper(words: tuple[str, ...]) -> None:
-    """Say what replaces this command."""
-    raise InputError("the paper's figures and claims are a study of the source repository: python -m studies paper")
-
-
 @click.command()
 @click.argument("study", type=PATH, required=False)
 @click.option("--from", "name", metavar="NAME", help="Start from an example study.")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 from typing import TYPE_CHECKING
 
 import click
@@ -44,10 +42,4 @@ def run_own_code(what: str, source: Source) -> object:
 
     function = source.name.partition(":")[2]
     say(f"This study runs its own code: {function} from {source.path.absolute()}.", err=True)
-    printed = {False: io.StringIO(), True: io.StringIO()}
-    try:
-        with contextlib.redirect_stdout(printed[False]), contextlib.redirect_stderr(printed[True]):
-            return load(what, source)
-    finally:
-        for err, text in printed.items():
-            say(*text.getvalue().splitlines(), err=err)
+    return load(what, source)

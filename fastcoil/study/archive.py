@@ -25,7 +25,7 @@ import xarray as xr
 from pydantic import TypeAdapter
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
-from fastcoil.base.files import commit_written, exists, is_folder, storage_errors
+from fastcoil.base.files import commit_written, exists, require_file, storage_errors
 from fastcoil.base.text import printable
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
@@ -185,8 +185,7 @@ def pack(folder: Path, path: Path | None = None) -> Packed:
     name = called if is_safe(called) else "study"
     path = path or (folder if folder.name else folder.absolute()).parent / f"{called}.zip"
     manifest = store.require_manifest()
-    if path.suffix != ".zip" or not is_folder(path.absolute().parent):
-        raise InputError(f"-o {path}: give a file NAME.zip in a folder that exists")
+    require_file("-o", path, ".zip")
     if exists(path):
         raise InputError(f"{path} exists: choose another name with -o, or delete it")
     ds = open_finished(folder)

@@ -112,7 +112,7 @@ def test_a_label_that_there_is_not_is_answered_with_those_there_are(study):
         (["lbnl", "--set", "kp=1", "--set", "kp=2"], "--set: 'kp' is given twice"),
         (["lbnl", "--at", "replicate=1"], "--at replicate: replicates differ by their noise alone"),
         (["lbnl", "--at", "day=1"], "--at day: no label of this study; it has none"),
-        (["lbnl", "-o", "figure.gif"], "-o figure.gif: give a file NAME.png, NAME.pdf or NAME.svg"),
+        (["lbnl", "-o", "figure.gif"], "-o figure.gif: give a file NAME.png or NAME.pdf or NAME.svg"),
         (["lbnl", "-o", "nowhere/figure.png"], "-o nowhere/figure.png: give a file"),
     ],
 )  # fmt: skip

@@ -15,18 +15,6 @@ from fastcoil.cli import interrupts
 from fastcoil.cli.interrupts import Commands, interruptible
 
 
-def test_a_command_in_a_folder_that_is_gone_ends_with_4_and_one_sentence(tmp_path):
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    line = f'cd {gone} && rmdir {gone} && exec "{sys.executable}" -m fastcoil status .'
-    done = subprocess.run(
-        ["bash", "-c", line], capture_output=True, text=True, timeout=60, check=False, env=environment()
-    )
-    assert done.returncode == 4, done
-    said = "fastcoil: the current folder was removed: change to another one and repeat the command\n"
-    assert (done.stdout, done.stderr) == ("", said)
-
-
 @pytest.mark.parametrize("kind", [UserWarning, DeprecationWarning, RuntimeWarning])
 def test_a_warning_is_a_note_though_python_is_set_to_raise_it(kind):
     def warn():

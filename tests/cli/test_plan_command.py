@@ -43,6 +43,9 @@ def test_memory_that_runs_out_is_one_sentence_and_keeps_what_is_finished(study, 
         patched.setattr(runner, "merge", lambda *_: (_ for _ in ()).throw(MemoryError))
         found = fastcoil("run", study, "-j", 2, "-o", out, "--no-figures")
     assert found.exit_code == 4
-    assert "fastcoil: the memory ran out; finished scenarios are kept: use fewer workers with -j" in found.output
+    assert (
+        "fastcoil: the command ended: the memory ran out; finished scenarios are kept: use fewer workers with -j"
+        in found.output
+    )
     assert len(list((out / "shards").glob("*.nc"))) == 8
     assert fastcoil("run", study, "-o", out, "--no-figures").exit_code == 0

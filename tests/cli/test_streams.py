@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from fastcoil.cli.streams import Output
-
 STUDY = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 1\n"
 COMMAND = f"{sys.executable} -m fastcoil"
 LOST = "fastcoil: not all lines could be printed"
@@ -96,24 +94,3 @@ def test_files_of_ours_do_not_get_the_number_of_a_closed_stream(tmp_path, stream
 def test_a_pipe_whose_reader_left_is_no_fault(shell):
     done = shell("init --list | head -n 1")
     assert (done.returncode, done.stdout.count(b"\n"), done.stderr) == (0, 1, b"")
-
-
-@pytest.mark.timeout(20)
-def test_a_slow_reader_of_a_pipe_that_does_not_block_gets_everything():
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    output, data = Output(writing), bytes(range(256)) * 4096
-    child = os.fork()
-    if child == 0:
-        os.close(writing)
-        got = b""
-        while piece := os.read(reading, 65536):
-            got += piece
-        os._exit(0 if got == data else 1)
-    os.close(reading)
-    left = memoryview(data)
-    while left:
-        left = left[output.write(left) :]
-    os.close(writing)
-    assert output.lost is None
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

@@ -51,16 +51,6 @@ def test_plan_and_run_say_whose_code_they_run(path, trace, tmp_path):
         trace.unlink()
 
 
-def test_what_the_code_prints_as_it_is_loaded_moves_no_cursor(path, tmp_path):
-    mine = tmp_path / "mine.py"
-    mine.write_text(mine.read_text() + "import sys\nprint('a\\x1b[31m')\nprint('b\\x07', file=sys.stderr)\n")
-    _load.cache_clear()
-    done = fastcoil("plan", path)
-    assert done.exit_code == 0, done.output
-    assert done.stdout.splitlines()[0] == "a\\x1b[31m"
-    assert done.stderr.splitlines()[1] == "b\\x07"
-
-
 def test_nothing_is_said_of_a_study_without_code(path):
     path.write_text(TRACED)
     assert "its own code" not in fastcoil("plan", path).output

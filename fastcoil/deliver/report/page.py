@@ -16,7 +16,7 @@ import numpy as np
 
 from fastcoil.base.errors import InputError
 from fastcoil.base.figures import encode
-from fastcoil.base.files import commit, exists, may_be_file, read_bytes
+from fastcoil.base.files import commit, exists, read_bytes, require_file
 from fastcoil.base.machine import VERSION
 from fastcoil.base.text import MINUS, NONE, printable, written
 from fastcoil.loops.labels import quantity
@@ -225,8 +225,7 @@ def _shown(value: Any) -> Any:
 
 def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
-    if path.suffix.lower() not in (".html", ".htm") or not may_be_file(path):
-        raise InputError(f"{option} {path}: give a file NAME.html in a folder that exists")
+    require_file(option, path, ".html", ".htm")
     if not exists(path):
         return
     try:

@@ -129,7 +129,7 @@ def test_a_path_that_cannot_be_written_is_refused_before_anything_is_read(words,
     monkeypatch.chdir(tmp_path)
     done = fastcoil(*words, "--report", "absent/page.html")
     assert done.exit_code == 2
-    assert "--report absent/page.html: give a file NAME.html in a folder that exists" in done.stderr
+    assert "--report absent/page.html: give a file NAME.html or NAME.htm in a folder that exists" in done.stderr
     assert not list(tmp_path.iterdir())
 
 

@@ -193,7 +193,7 @@ def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(
         fc.report(out, mine)
     done = fastcoil("report", out, "-o", tmp_path / "page.pdf")
     assert done.exit_code == 2
-    assert "give a file NAME.html in a folder that exists" in done.stderr
+    assert "give a file NAME.html or NAME.htm in a folder that exists" in done.stderr
     other.mkdir()
     for said in ("holds no study", "holds a tuning: `fastcoil tune STUDY.toml"):
         done = fastcoil("report", other)
