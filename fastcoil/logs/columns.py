@@ -9,9 +9,9 @@ import numpy as np
 
 from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, path_of, plain
 from fastcoil.base.arrays import Mask
-from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.logs.cells import GOOD
-from fastcoil.logs.series import COLUMNS, TIMES, Series, counted, first_row
+from fastcoil.logs.series import COLUMNS, TIMES, counted, first_row
 from fastcoil.logs.table import STATUS, TIME_HEADERS, Table, label_and_unit
 from fastcoil.logs.timestamps import is_time, time_format_of
 from fastcoil.model.parameter_table import Parameter
@@ -207,31 +207,6 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
         if column is None
     ]
     return {name: column for name, column in found.items() if column is not None}
-
-
-def find_unit(
-    table: Table, series: Series, column: int, given: str | None, *, by_cells: str = "", has_command: bool = False
-) -> str | None:
-    """Unit of a column: by its header, the row below it, its cells, or as ``given``; None, and a problem, without one.
-
-    by_cells: the unit behind most of its numbers, blank if there is none.  has_command: whether a command has an option
-    for the argument ``units``, for the message.
-    """
-    sources = table.declared_units(column) | {"by its cells": by_cells, "by units": given}
-    units = {source: unit for source, unit in sources.items() if unit}
-    if not units and not series.needs_no_unit:
-        cure = f"{table.cure_of_unit(column, 'UNIT')}, or pass units={{{series.name!r}: 'UNIT'}}"
-        cure += f", --unit {series.name}='UNIT'" * has_command
-        table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
-        return None
-    (source, unit), *others = units.items() or [("", "1")]
-    with collecting(table.problems):
-        found = series.spelled(unit)
-        for other, second in others:
-            if not series.is_same_unit(unit, second):
-                raise InputError(f"{series.name} is in {shown(unit)} {source}, in {shown(second)} {other}: drop one")
-        return found
-    return None
 
 
 def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) -> dict[str, int]:

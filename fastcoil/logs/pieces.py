@@ -186,12 +186,8 @@ def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: b
 
 def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int]) -> str:
     """Where a log that should be one piece breaks, and the cure."""
-    if new.any():
-        k = int(np.argmax(new))
-        return f"batch changes between rows {rows[k]} and {rows[k + 1]}: give the rows of one batch only"
-    k = int(np.argmax(np.where(gaps, steps, 0.0)))
-    gap, ends = f"{steps[k]:g}", f"{rows[k]} and {rows[k + 1]}"
-    return (
-        f"rows {ends} are {gap} s apart, others {median:g} s: fill the gap, cut the log, "
-        f"or pass max_gap={gap} to bridge it"
-    )
+    k = int(np.argmax(new)) if new.any() else int(np.argmax(np.where(gaps, steps, 0.0)))
+    ends, gap = f"rows {rows[k]} and {rows[k + 1]}", f"{steps[k]:g}"
+    if new[k]:
+        return f"{ends} are of two batches: give the rows of one"
+    return f"{ends} are {gap} s apart, others {median:g} s: fill the gap, cut the log, or bridge it with max_gap={gap}"

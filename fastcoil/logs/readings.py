@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.errors import InputError, collecting, shown
 from fastcoil.logs.cells import Cells, Writing, cells_of, writing_of
-from fastcoil.logs.columns import Reading, Wanted, find_unit, marked_by_status
+from fastcoil.logs.columns import Reading, Wanted, marked_by_status
 from fastcoil.logs.plausibility import above_saturation, are_exchanged, looks_like, misread_units
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
@@ -168,24 +168,36 @@ def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
 def _unit_of(
     table: Table, series: Series, column: int, given: str | None, cells: Cells, has_command: bool
 ) -> str | None:
-    """Unit of a column, by its header, as ``given``, or by its cells; None, and a problem, if none is known."""
+    """Unit of a column: by its header, the row below it, its cells, or as ``given``; None, and a problem, without one.
+
+    has_command: whether a command has an option for the argument ``units``, for the message.
+    """
     numbers = np.flatnonzero(~np.isnan(cells.values)).tolist()
     by_cells = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
-    unit = find_unit(table, series, column, given, by_cells=by_cells, has_command=has_command)
-    if unit is None:
+    declared = table.declared_units(column) | ({"by units": given} if given else {})
+    units = [*declared.items(), *([("by its cells", by_cells)] if by_cells else [])]
+    if not units and not series.needs_no_unit:
+        cure = f"{table.cure_of_unit(column, 'UNIT')}, or pass units={{{series.name!r}: 'UNIT'}}"
+        cure += f", --unit {series.name}='UNIT'" * has_command
+        table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
         return None
-    odd = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
-    if not by_cells:
-        cells.values[odd] = np.nan  # a number with another unit among others is no number of this column
-        return unit
-    declared = given or table.declared_units(column)
-    odd += [] if declared else [k for k in numbers if k not in cells.units]
-    if odd:
-        cell, row = shown(table.rows[odd[0]][column]), table.row_numbers[odd[0]]
-        table.problems.append(f"{series.name} = {cell} in row {row}: others are in {shown(by_cells)}, write one unit")
-        return None
-    table.notes.append(f"{series.name} is in {shown(by_cells)} by its cells")
-    return unit
+    source, unit = units[0] if units else ("", "1")
+    with collecting(table.problems):
+        found = series.spelled(unit)
+        for other, second in units[1:]:
+            if not series.is_same_unit(unit, second):
+                raise InputError(f"{series.name} is in {shown(unit)} {source}, in {shown(second)} {other}: drop one")
+        odd = [k for k, text in cells.units.items() if not series.is_same_unit(text, unit)]
+        if not by_cells:
+            cells.values[odd] = np.nan  # a number with another unit among others is no number of this column
+            return found
+        odd += [] if declared else [k for k in numbers if k not in cells.units]
+        if odd:
+            cell, row = shown(table.rows[odd[0]][column]), table.row_numbers[odd[0]]
+            raise InputError(f"{series.name} = {cell} in row {row}: others are in {shown(by_cells)}, write one unit")
+        table.notes.append(f"{series.name} is in {shown(by_cells)} by its cells")
+        return found
+    return None
 
 
 def _suspect_live_zero(series: Series, values: Array, how: Reading, notes: list[str]) -> None:
@@ -272,7 +284,14 @@ def fill_or_cut(
         bad = {"timestamp": np.isnan(time)} | bad
     if how.drop:
         _bridge(table, readings, bad, time, wanted.measured, longest)
-    return _drop_rows(table, known, bad, time, readings.notes)
+    readings.notes += [_left_out(table, name, lost, "row") for name, lost in bad.items() if lost.any()]
+    kept = ~np.any(list(bad.values()), axis=0)
+    if kept.all():
+        return known, time
+    table.keep(kept)
+    if len(table.rows) < 2:
+        raise InputError(f"{table.name}: fewer than two rows are left: mend the log ({'; '.join(readings.notes)})")
+    return {name: values[kept] for name, values in known.items()}, time[kept]
 
 
 def _bridge(
@@ -302,20 +321,6 @@ def _bridge(
         how = "held" if held else "on a straight line between its neighbours"
         first = first_row(table.row_numbers, filled)
         readings.notes.append(f"{counted(filled, 'missing value')} of {name} bridged: {how} ({first})")
-
-
-def _drop_rows(
-    table: Table, known: dict[str, Array], bad: dict[str, Mask], time: Array, notes: list[str]
-) -> tuple[dict[str, Array], Array]:
-    """The columns without the rows in which one of them is bad; these are cut from the table too."""
-    notes += [_left_out(table, name, lost, "row") for name, lost in bad.items() if lost.any()]
-    kept = ~np.any(list(bad.values()), axis=0)
-    if kept.all():
-        return known, time
-    table.keep(kept)
-    if len(table.rows) < 2:
-        raise InputError(f"{table.name}: fewer than two rows are left: mend the log ({'; '.join(notes)})")
-    return {name: values[kept] for name, values in known.items()}, time[kept]
 
 
 def _left_out(table: Table, name: str, lost: Mask, noun: str) -> str:

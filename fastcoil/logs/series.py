@@ -183,9 +183,7 @@ class Series:
         low, high = (round((bound - offset) / scale, 6) for bound in (self.lower, self.upper))
         text = f"{self.name} = {value:g}{shown}{where}: must be {'whole, ' if self.whole else ''}"
         text += f"from {low:g} to {high:g}{shown}"
-        missing = value in _MISSING_MARKS
-        cure = "it marks a missing value, fill or cut the gap" if missing else "check its unit"
-        return f"{text}; {cure}{in_total(n_bad)}"
+        return f"{text}; check its unit, or fill or cut the gap{in_total(n_bad)}"
 
 
 def in_total(n_bad: int) -> str:

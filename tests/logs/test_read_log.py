@@ -37,7 +37,7 @@ def assert_has(text, words):
         (VALVE_HEADER, (5, 1, ""), ["command = '' in row 7", "--drop"]),
         (VALVE_HEADER, (5, 2, "1,5"), ["m_w = '1,5' in row 7: give a number with a decimal point", "--drop"]),
         (VALVE_HEADER, (5, 1, "1.7"), ["command = 1.7 in row 7", "from 0 to 1", "check its unit"]),
-        (VALVE_HEADER, (5, 2, "-999"), ["m_w = -999 kg/s in row 7", "missing value"]),
+        (VALVE_HEADER, (5, 2, "-999"), ["m_w = -999 kg/s in row 7", "fill or cut the gap"]),
         (VALVE_HEADER, (5, 0, "240"), ["elapsed_time: row 7 is at the same time as row 6", "--jumps split"]),
         (VALVE_HEADER, (5, 0, "10"), ["elapsed_time: row 7 is earlier than row 6"]),
     ],
@@ -80,21 +80,7 @@ def test_bad_logs_and_arguments_of_a_coil_are_refused(coil_log, header, change, 
     assert_has(refusal(fc.fit_coil, coil_log(rows, header), **options), words)
 
 
-def test_the_advice_to_drop_rows_comes_only_where_it_helps(valve_log):
-    header = ["elapsed_time [s]", "command [1]", "m_w [L/sec]"]
-    assert "--drop" not in refusal(fc.fit_valve, valve_log(valve_rows(), header))
-    back = changed(valve_rows(), 5, 0, "10")
-    assert "--drop" not in refusal(fc.fit_valve, valve_log(back))
-
-
 # ------------------------------------------------------------------------------------------------------------- time
-
-
-def test_rows_that_run_backwards_or_share_a_time_are_refused_with_the_cure(valve_log):
-    assert_has(refusal(fc.fit_valve, valve_log(valve_rows()[::-1])), ["(59 such rows)", "oldest first"])
-    to_the_hour = [[t // 3600, c, m] for t, c, m in valve_rows()]
-    header = ["elapsed_time [h]", *VALVE_HEADER[1:]]
-    assert_has(refusal(fc.fit_valve, valve_log(to_the_hour, header)), ["same time", "a time of its own"])
 
 
 def test_a_log_with_two_times_must_say_which_to_read(valve_log):

@@ -129,7 +129,7 @@ def test_describe_is_one_short_line_and_repr_one_for_each_series():
         ("T_set", np.full(60, 95.0), ["T_set = 95 degC at second 0", "from -20 to 80"]),
         ("enabled", 0.5, ["enabled = 0.5", "whole, from 0 to 1"]),
         ("T_a_in", float("nan"), ["T_a_in is nan", "fill or cut"]),
-        ("T_w_in", -999.0, ["T_w_in = -999 degC", "missing value"]),
+        ("T_w_in", -999.0, ["T_w_in = -999 degC", "fill or cut the gap"]),
         ("T_a_in", "25", ["T_a_in = '25'", "give numbers"]),
         ("m_a", [[1.0], [1.0, 2.0]], ["m_a", "different length"]),
         ("m_a", [], ["m_a is empty", "at least one"]),
