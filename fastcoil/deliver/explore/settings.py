@@ -1,13 +1,10 @@
 """The settings of the page: every number and word that can be moved, the loops to start from, links and stories."""
 
 import math
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
-
-import numpy as np
 
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.loops.boundary import Boundary
@@ -160,16 +157,7 @@ def query_of(settings: Settings, starts: Mapping[str, Start]) -> str:
     texts = {
         name: repr(value).removesuffix(".0") if isinstance(value, float) else value for name, value in differs.items()
     }
-    return urlencode({"loop": _link_of(settings.loop, start)} | texts)
-
-
-def _link_of(name: str, start: Start) -> str:
-    """The name of a loop in a link; that of a study has a checksum of its numbers and its day."""
-    if start.day is None:
-        return name
-    numbers = repr((start.loop.constants, start.warm_up, start.seed)).encode()
-    sums = [zlib.crc32(np.ascontiguousarray(series).tobytes()) for series in start.day.series.values()]
-    return f"{name}-{zlib.crc32(numbers + repr(sums).encode()):08x}"
+    return urlencode({"loop": start.title} | texts)
 
 
 def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str) -> tuple[Settings, list[str]]:
@@ -177,18 +165,13 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
 
     first: the loop of a link that names none.
     """
-    links = {_link_of(name, start): name for name, start in starts.items()}
-    asked = query.get("loop")
-    name = links.get(asked or "", first)
+    links = {start.title: name for name, start in starts.items()}
+    asked = query.get("loop", starts[first].title)
+    name = links.get(asked, first)
     usual = settings_of(name, starts[name])
-    if asked is not None and asked not in links:
-        known = ", ".join(one for one in starts if one != GIVEN)
-        problem = f"loop = {shown(asked)}: unknown{nearest(asked, links)}; choose one of {known}"
-        if asked.startswith(GIVEN):
-            problem = (
-                f"loop = {shown(asked)}: the loop of another study, or of one that has changed: explore that study"
-            )
-        return usual, [problem, f"The link is not shown, but {starts[name].title}."]
+    if asked not in links:
+        known = f"unknown{nearest(asked, links)}; choose one of {', '.join(links)}"
+        return usual, [f"loop = {shown(asked)}: {known}", f"The link is not shown, but {starts[name].title}."]
     problems: list[str] = []
     values: dict[str, Any] = {}
     for key, text in query.items():
@@ -198,7 +181,7 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
         except InputError as error:
             problems += error.problems
     rest = ["The rest of the link is shown."] if problems else []
-    if values and asked is None:
+    if values and "loop" not in query:
         rest.append(f"The link names no loop: its values are those of {starts[name].title} here.")
     return replace(usual, **values), [*problems, *rest]
 

@@ -150,17 +150,10 @@ class Formulas(ABC):
     def _merged(self, name: str, pair: tuple[Any, Any], key: Any, test: ast.expr, blocks: list[list[ast.stmt]]) -> Any:
         """One of two values, which blocks of statements store in a variable where they differ."""
         yes, no = pair
-        if isinstance(yes, tuple) and isinstance(no, tuple) and len(yes) == len(no):
-            parts = enumerate(zip(yes, no, strict=True), 1)
-            return tuple(self._merged(f"{name}_{k}", each, key, test, blocks) for k, each in parts)
-        if isinstance(yes, Record) and isinstance(no, Record):
-            return Record(
-                yes.cls,
-                {
-                    n: self._merged(f"{name}_{n}", (one, no.fields[n]), key, test, blocks)
-                    for n, one in yes.fields.items()
-                },
-            )
+        if isinstance(yes, Record) and isinstance(no, Record) and yes.fields.keys() == no.fields.keys():
+            pairs = {n: (one, no.fields[n]) for n, one in yes.fields.items()}
+            merged = {n: self._merged(f"{name}_{n}", each, key, test, blocks) for n, each in pairs.items()}
+            return Record(yes.cls, merged)
         if not isinstance(yes, Number) or not isinstance(no, Number):
             raise self._refusal("it chooses between classes or tables", "choose between their numbers")
         if yes.is_same(no) and self._is_steady(yes):
@@ -196,8 +189,6 @@ class Formulas(ABC):
 
     def _bound(self, name: str, value: Any, key: Any, many: bool = False) -> Any:
         """A value as later statements may read it; many: it is one of several that a variable gets."""
-        if isinstance(value, tuple):
-            return tuple(self._bound(f"{name}_{k}", one, key, many) for k, one in enumerate(value, 1))
         if isinstance(value, Record):
             bound = {
                 n: one if not many and self._is_steady(one) else self._bound(f"{name}_{n}", one, key, many)
@@ -260,7 +251,7 @@ class Formulas(ABC):
         if isinstance(node, ast.Attribute):
             return self._attribute(self._value(node.value, scope), node)
         if isinstance(node, ast.Tuple):
-            return tuple(self._value(one, scope) for one in node.elts)
+            return Record(None, {str(k): self._value(one, scope) for k, one in enumerate(node.elts)})
         if isinstance(node, ast.UnaryOp):
             return self._unary(node, self._value(node.operand, scope))
         if isinstance(node, ast.BoolOp):
@@ -335,8 +326,8 @@ class Formulas(ABC):
     def _element(self, node: ast.Subscript, scope: Scope) -> Any:
         of = self._value(node.value, scope)
         index = self._whole(self._value(node.slice, scope))
-        if index.value is not None and isinstance(of, tuple):
-            return of[index.value]
+        if index.value is not None and isinstance(of, Record):
+            return [*of.fields.values()][index.value]
         if not isinstance(of, Table):
             raise self._refusal(f"it has {ast.unparse(node)}", "use a table of numbers and an index in whole numbers")
         if index.value is not None and of.values:

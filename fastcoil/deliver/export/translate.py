@@ -45,8 +45,6 @@ from fastcoil.model.estimators.interface import defaults_of, is_sample
 
 _MOST_ROUNDS = 50
 _RETURNED = object()  # what a block gives whose values are stored already
-_UNKNOWN = {"While": "a while loop", "With": "with", "Raise": "raise", "Assert": "assert", "Break": "break",
-            "Continue": "continue", "FunctionDef": "a function inside a function", "Try": "try"}  # fmt: skip
 
 
 class Port(NamedTuple):
@@ -137,9 +135,10 @@ class Translator(Formulas):
 
     def _commit(self, found: Any) -> Any:
         """Store what the rule returns; a field is stored after all that reads its value of before."""
-        if not isinstance(found, tuple) or len(found) != 2 or not isinstance(found[1], Record):
+        parts: list[Any] = [*found.fields.values()] if isinstance(found, Record) else []
+        if len(parts) != 2 or not isinstance(parts[1], Record):
             raise self._refusal("it returns something else than a number and its memory", "return a number, Memory(…)")
-        values = {self.goal: found[0]} | {self.fields[n]: one for n, one in found[1].fields.items()}
+        values = {self.goal: parts[0]} | {self.fields[n]: one for n, one in parts[1].fields.items()}
         blocks = {}
         for target, value in values.items():
             with self._aside() as blocks[target]:
@@ -190,9 +189,7 @@ class Translator(Formulas):
         """All that a function does, written here."""
         scope = self._scope(function, finish)
         for name, value in zip(scope.arguments, given, strict=True):
-            direct = isinstance(value, Number) and (value.is_atom or (scope.is_formula and scope.read[name] < 2))
-            direct = direct and not scope.stored[name]
-            scope.names[name] = value if direct else self._bound(name, value, "local", scope.stored[name] > 0)
+            scope.names[name] = self._bound(name, value, "local", scope.stored[name] > 0)
         return self._run(scope.definition.body, scope)
 
     def _run(self, body: list[ast.stmt], scope: Scope) -> Any:
@@ -234,16 +231,16 @@ class Translator(Formulas):
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
             self._value(node.value, scope)
         elif not isinstance(node, ast.Pass) and not is_text(node):
-            word = _UNKNOWN.get(type(node).__name__, ast.unparse(node).partition("\n")[0])
-            raise self._refusal(f"it has {word}", "use assignments, if, for k in range(…) and return")
+            said = ast.unparse(node).partition("\n")[0].rstrip(":")
+            raise self._refusal(f"it has {said}", "use assignments, if, for k in range(…) and return")
         return None
 
     def _set(self, target: ast.expr, value: Any, scope: Scope) -> None:
         if isinstance(target, ast.Name):
             scope.names[target.id] = self._bound(target.id, value, "local", scope.stored[target.id] > 1)
         elif isinstance(target, (ast.Tuple, ast.List)):
-            parts = list(value.fields.values()) if isinstance(value, Record) else value
-            if not isinstance(value, (tuple, Record)) or len(parts) != len(target.elts):
+            parts = [*value.fields.values()] if isinstance(value, Record) else []
+            if len(parts) != len(target.elts):
                 raise self._refusal(f"{ast.unparse(target)} is given something else", "give a value for each name")
             # all are found before the first is stored, as in a, b = b, a
             if any(isinstance(one, ast.Name) and scope.stored[one.id] > 1 for one in target.elts):

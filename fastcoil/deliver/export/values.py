@@ -44,7 +44,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Record:
-    """A named tuple."""
+    """Several values, by name or by their place; cls: of a named tuple."""
 
     cls: Any
     fields: dict[str, Any]
@@ -61,7 +61,7 @@ class Table:
 class Scope:
     """One call of a function.
 
-    names: what they stand for.  finish: what is done with what it returns.  stored, read: how often a name is.
+    names: what they stand for.  finish: what is done with what it returns.  stored: how often a name is.
     """
 
     def __init__(self, function: FunctionType, definition: ast.FunctionDef, finish: Callable[[Any], Any]) -> None:
@@ -71,11 +71,8 @@ class Scope:
         nodes = list(ast.walk(definition))
         nodes += [one.target for one in nodes if isinstance(one, ast.AugAssign)]
         names = [one for one in nodes if isinstance(one, ast.Name)]
-        self.read = Counter(one.id for one in names if isinstance(one.ctx, ast.Load))
         self.stored = Counter(one.id for one in names if not isinstance(one.ctx, ast.Load))
         self.stored.update(set(self.arguments) & set(self.stored))
-        body = [node for node in definition.body if not is_text(node)]
-        self.is_formula = len(body) == 1 and isinstance(body[0], ast.Return)
 
 
 def is_text(node: ast.stmt) -> bool:

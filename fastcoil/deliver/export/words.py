@@ -25,8 +25,9 @@ class continue final implements interface internal ltime method namespace null o
 property protected public reference ref ref_to super this union using wstring xint then time to tod tof ton tp
 transition true trunc type udint uint ulint until usint var while with word xor
 """
+IEC = frozenset(_IEC.split())
 """Keywords, types, standard functions and action qualifiers of IEC 61131-3, with those of its third edition."""
-RESERVED = frozenset(f"{_C}{_PYTHON}{_IEC}".split())
+RESERVED = frozenset(f"{_C}{_PYTHON}".split()) | IEC
 """In small letters."""
 _PLAIN = {
     "ü": "ue", "ä": "ae", "ö": "oe", "ß": "ss", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "…": "...",

@@ -232,7 +232,7 @@ scaled = lambda x: 0.1 * x  # noqa: E731 — what is refused
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (by_while, ["a while loop", "line", "for k in range"]),
+        (by_while, ["while x < 0.1", "line", "for k in range"]),
         (by_a_long_loop, ["no largest end", "constant number of passes"]),
         (by_other_functions, ["it calls math.gamma", "sqrt"]),
         (by_division, ["cycle", "division by zero"]),

@@ -10,24 +10,11 @@ from helpers.exported import FINDS, FLAGS, WORST, module, vectors
 
 import fastcoil as fc
 from fastcoil.deliver.export.export import SUFFIXES
+from fastcoil.deliver.export.words import IEC
 
 pytestmark = pytest.mark.kernel
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
-WORDS = (
-    # of IEC 61131-3: keywords, elementary types, standard functions and function blocks, those of its annex F
-    "ABS ACOS ACTION ADD AND ANDN ARRAY ASIN AT ATAN BOOL BY BYTE CAL CALC CASE CD CONCAT CONFIGURATION CONSTANT "
-    "COS CTD CTU CTUD D DATE DELETE DERIVATIVE DELAY AVERAGE PID DIFFEQ HYSTERESIS RAMP TRANSFER LAG1 "
-    "LIMITS_ALARM ANALOG_MONITOR INTEGRAL ALRM_INT CMD_MONITOR STACK_INT INTERVAL DINT DIV DO DT DWORD ELSE "
-    "ELSIF EN ENO EQ EXIT EXP EXPT FALSE FIND FOR FROM FUNCTION F_EDGE F_TRIG GE GT IF INSERT INT JMP L LD LE "
-    "LEFT LEN LIMIT LINT LN LOG LREAL LT LWORD MAX MID MIN MOD MOVE MUL MUX N NE NOT OF ON OR ORN P PROGRAM "
-    "R READ_ONLY READ_WRITE REAL REPEAT REPLACE RESOURCE RET RETAIN RETURN RIGHT ROL ROR RS RTC "
-    "R_EDGE R_TRIG S SD SEL SEMA SHL SHR SIN SINGLE SINT SL SQRT SR ST STEP STN STRING STRUCT SUB TAN TASK "
-    # of its third edition, and of dialects
-    "ABSTRACT ANY BIT CLASS CONTINUE FINAL IMPLEMENTS INTERFACE INTERNAL LTIME METHOD NAMESPACE NULL OVERLAP OVERRIDE "
-    "POINTER PRIVATE PROPERTY PROTECTED PUBLIC REFERENCE REF REF_TO SUPER THIS UNION USING WSTRING XINT "
-    "THEN TIME TO TOD TOF TON TP TRANSITION TRUE TRUNC TYPE UDINT UINT ULINT UNTIL USINT VAR WHILE WITH WORD XOR"
-)
 VARIANTS = {
     "learning_early_trip": 1.0, "learning_growth": 1.5, "learning_shrink": 0.5, "learning_min_switches": 2.0,
     "learning_max_reference": 0.5, "learning_reference": 2.0, "learning_error_ratio": 1.2, "estimate_share": 0.8,
@@ -106,7 +93,7 @@ def test_structured_text_keeps_clear_of_the_standards_own_names_and_its_loops_ar
     lists = re.findall(r"^[ \t]*([\w, \n]+) :(?!=)", code, re.MULTILINE)
     declared = {name.strip() for names in lists for name in names.split(",")}
     assert len(declared) > 20
-    assert not {name.upper() for name in declared} & set(WORDS.split())
+    assert not {name.casefold() for name in declared} & IEC
     assert not any("__" in name or name.endswith("_") for name in declared)
     # some compilers skip a loop of one pass, and a cycle must end in time
     loops = re.findall(r"FOR \w+ := (\S+) TO ([^\n]+?)(?: BY -1)? DO", code)
@@ -143,13 +130,9 @@ SIGNS = {
 BREAKS = [
     # limits
     ("inverse", "-50.0", "-51.0"),
-    ("inverse", "-50.0", "-49.0"),
-    ("inverse", "150.0", "151.0"),
     ("inverse", "150.0", "149.0"),
     ("inverse", "T_sup > LOWEST_READING", "T_sup >= LOWEST_READING"),
     ("inverse", "T_sup < HIGHEST_READING", "T_sup <= HIGHEST_READING"),
-    ("inverse", "T_set > LOWEST_READING", "T_set >= LOWEST_READING"),
-    ("inverse", "T_set < HIGHEST_READING", "T_set <= HIGHEST_READING"),
     ("inverse", "T_sup > LOWEST_READING", "{not}(T_sup <= LOWEST_READING)",
      "T_sup < HIGHEST_READING", "{not}(T_sup >= HIGHEST_READING)"),
     ("inverse", "T_set > LOWEST_READING", "{not}(T_set <= LOWEST_READING)",
@@ -157,42 +140,32 @@ BREAKS = [
     ("inverse", "good_T_sup {and} good_T_set", "good_T_sup"),
     ("inverse", "good_T_sup {and} good_T_set", "good_T_set"),
     ("inverse", "x > 1.0", "x > 1.5"),
-    ("inverse", "x > 0.0", "x > -0.5"),
     ("inverse", "{clipped}({s}integral_part + KP", "({s}integral_part + KP"),
-    ("inverse", "{clipped}(KP * {s}e + {s}integral_part)", "(KP * {s}e + {s}integral_part)"),
     ("additive", "{clipped}({s}u_ext + 0.5 *", "({s}u_ext + 0.5 *"),
     # sign
     ("inverse", "{s}e {eq} T_sup - T_set", "{s}e {eq} T_set - T_sup"),
-    ("heating", "{s}e {eq} T_set - T_sup", "{s}e {eq} T_sup - T_set"),
-    ("additive", "{s}u_ext - 0.5 * BACKLASH_ESTIMATE", "{s}u_ext"),
     ("additive", "{s}u_ext - 0.5 * BACKLASH_ESTIMATE", "{s}u_ext + 0.5 * BACKLASH_ESTIMATE"),
     ("inverse", "{s}rising {eq} {true}", "{s}rising {eq} {false}"),
     ("smooth", "{s}u_before - {s}u", "{s}u - {s}u_before"),
     # integral
-    ("inverse", "KP * {s}e + {s}integral_part", "KP * {s}e"),
     ("inverse", "{s}integral_part + KP * SAMPLE_TIME", "{s}integral_part - KP * SAMPLE_TIME"),
     ("inverse", "SAMPLE_TIME / TI", "1.0 / TI"),
     ("inverse", "{s}integral_part {eq} 0.0", "{s}integral_part {eq} {s}integral_part"),
     ("heating", "{abs}({s}e) > ERROR_DEAD_BAND", "{abs}({s}e) >= 0.0"),
     # start
     ("inverse", "{s}u - KP * {s}e", "{s}u"),
-    ("inverse", "{s}u - KP * {s}e", "{s}u + KP * {s}e"),
-    ("inverse", "start_command / (1.0 - BACKLASH_ESTIMATE)", "start_command"),
     ("inverse", "{clipped}(start_command)", "0.0"),
     ("smooth", "start_command > 0.0", "start_command >= 0.0"),
     ("inverse", "starts {and} {o}start_command > 0.0{c}", "start_command > 0.0"),
     ("inverse", "reset {or} ", ""),
     ("inverse", " {or} {not}{s}running", ""),
-    ("inverse", "{s}running {eq} {true}", "{s}running {eq} {false}"),
     ("additive", "start_command + 0.5 *", "start_command - 0.5 *"),
-    ("smooth", "start_command - 0.5 *", "start_command + 0.5 *"),
     # order, off and compensation
     ("inverse", "KP * {s}e + {s}integral_part", "KP * {s}e + {s}integral_part - KP * SAMPLE_TIME / TI * {s}e"),
     ("gradient", "{s}clock > 0.0", "{s}clock >= 0.0"),
     ("variants", "(good_T_sup {and} good_T_set) {or} {o}{s}clock > 0.0{c}", "good_T_sup {and} good_T_set"),
     ("inverse", "{not}enabled", "enabled"),
     ("inverse", "{s}u_ext + BACKLASH_ESTIMATE", "{s}u_ext + 0.9 * BACKLASH_ESTIMATE"),
-    ("inverse", "{s}u_ext {eq} {s}u", "{s}u_ext {eq} {s}u_ext + 0.0"),
     ("inverse", "{s}u < {s}u_ext - BUFFER", "{s}u < {s}u_ext - 0.001"),
     ("additive", "BUFFER_RATIO * {abs}(KP)", "0.3 * BUFFER_RATIO * {abs}(KP)"),
     # estimators
@@ -200,7 +173,6 @@ BREAKS = [
     ("learner", "stepped {eq} {s}estimate - size", "stepped {eq} {s}estimate"),
     ("learner", "{s}clock >= {s}next_update", "{s}clock > {s}next_update"),
     ("variants", "size * LEARNING_SHRINK", "size"),
-    ("variants", "{s}step_kept * LEARNING_GROWTH", "{s}step_kept"),
     ("variants", "chatter {or} ", "chatter {or} {false} {and} "),
     ("variants", "ESTIMATE_SHARE * {s}estimate", "{s}estimate"),
     ("hagglund", "KP * PLANT_GAIN * {s}duration - TI", "KP * PLANT_GAIN * {s}duration"),
