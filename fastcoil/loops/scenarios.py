@@ -322,27 +322,23 @@ def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
         return first
     for name in sorted({*first.data_vars, *part.data_vars}, key=str):
         one, other = _form(first, name), _form(part, name)
-        if one == other:
-            continue
-        if name in METRICS or name in TRACES or name == "status":
-            raise IntegrityError(
-                f"{name} has another form in some scenarios than in others: delete the folder, run again"
+        if one != other:
+            what = f"{name} has another form in some scenarios than in others"
+            if name in METRICS or name in TRACES or name == "status":
+                raise IntegrityError(f"{what}: delete the folder, run again")
+            raise InputError(
+                f"{what}, {shown(other)} and {shown(one)}: let the reduction give the same variables, types, dims and "
+                "labels for all"
             )
-        raise InputError(
-            f"the reduction gives {name} as {other or 'nothing'} for some scenarios, as {one or 'nothing'} for others: "
-            "give the same variables, types, dims and labels for all"
-        )
     return first
 
 
-def _form(part: xr.Dataset, name: Hashable) -> str:
-    """Type, dims, sizes and labels of a variable as text; empty if there is none."""
+def _form(part: xr.Dataset, name: Hashable) -> tuple[Any, ...]:
+    """Type, sizes and labels of a variable but those of scenarios; empty if there is none."""
     if name not in part.data_vars:
-        return ""
-    variable = part.variables[name]
-    sizes = ", ".join(f"{dim}: {size}" for dim, size in zip(variable.dims[1:], variable.shape[1:], strict=True))
-    labels = [f" {d} = {shown(part[d].values.tolist())}" for d in variable.dims[1:] if d in part.coords]
-    return f"{variable.dtype}({', '.join([str(variable.dims[0]), *filter(None, [sizes])])}){''.join(labels)}"
+        return ()
+    variable = part[name].isel(scenario=0)
+    return str(variable.dtype), dict(variable.sizes), {d: variable[d].values.tolist() for d in variable.indexes}
 
 
 def _is_crashed(part: xr.Dataset) -> bool:

@@ -143,7 +143,7 @@ def test_each_day_by_itself_is_another_thing():
     assert not np.isclose(apart["rmse"], days["rmse"]).all()
 
 
-@pytest.mark.parametrize("n_steps", [7, 250, 1204])
+@pytest.mark.parametrize("n_steps", [28, 250, 1204])
 def test_seconds_count_and_are_settled_as_in_one_piece(n_steps):
     loop = fc.Loop()
     whole = {name: values[:2408] for name, values in series().items()}

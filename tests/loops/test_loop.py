@@ -140,8 +140,6 @@ def without(ds, *names):
 @pytest.mark.parametrize(
     "values",
     [
-        {"backlash": [0.02, 0.07], "kp": 0.02},
-        {"estimate_ratio": 0.6},
         {"estimate_ratio": [0.0, 0.6]},
         {"rangeability": [20.0, 50.0], "authority": 0.3, "m_full": 1.8},
     ],
@@ -268,10 +266,7 @@ def completed(text):
     ("text", "offered"),
     [
         ("loop.assign(backl", {"backlash", "backlash_estimate"}),
-        ("loop.stroke", {"stroke_time"}),
         ('loop["stroke', {"stroke_time"}),
-        ("fc.Boundary.from_csv('x', time_f", {"time_format"}),
-        ("fc.plot.lim", {"limit_cycle"}),
     ],
 )
 def test_ipython_completes_it(text, offered):

@@ -88,16 +88,8 @@ def test_other_things_than_a_loop_and_a_boundary(days, refused):
     assert "paper_day" in refused(fc.Loop(), days.to_dataset())[0]
 
 
-@pytest.mark.parametrize(
-    "axes",
-    [
-        # four axes do the same with less work on their values
-        pytest.param({"backlash": np.linspace(0, 0.9, 10**6), "kp": np.linspace(0, 1, 10**6)}, marks=pytest.mark.full),
-        {name: np.linspace(1.0, 2.0, 1000) for name in ("kp", "ti", "beta1", "cp_a")},
-    ],
-    ids=["two axes", "four axes"],
-)
-def test_a_million_million_scenarios_are_refused_without_allocating(axes, days, refused):
+def test_a_million_million_scenarios_are_refused_without_allocating(days, refused):
+    axes = {name: np.linspace(1.0, 2.0, 1000) for name in ("kp", "ti", "beta1", "cp_a")}
     (problem,) = refused(fc.Loop(**axes), days, warm_up=60)
     assert "2,000,000,000,000 scenarios" in problem
     assert "GiB" in problem
@@ -245,7 +237,7 @@ def flat(score, start, status=0):
 @pytest.mark.parametrize("source", FORMS.values(), ids=FORMS)
 def test_answers_of_another_form_for_other_scenarios_are_refused(source):
     first, second = (eval(source, {"np": np, "xr": xr, "first": first}) for first in (True, False))
-    with pytest.raises(InputError, match="the reduction gives score as .* for some scenarios"):
+    with pytest.raises(InputError, match="score has another form in some scenarios .* let the reduction give"):
         join_flat(4, [flat(first, 0), flat(second, 2)])
     joined = join_flat(4, [flat(first, 0), flat(first, 2)])
     assert joined["score"].dtype == flat(first, 0)["score"].dtype
@@ -259,5 +251,5 @@ def test_scenarios_that_crashed_need_no_answer():
 
 
 def test_an_answer_that_some_scenarios_lack_is_refused():
-    with pytest.raises(InputError, match="score as nothing|score as .* nothing"):
+    with pytest.raises(InputError, match=r"score has another form .* \(\) and|and \(\)"):
         join_flat(4, [flat(np.array([1, 2]), 0), flat(np.array([1, 2]), 2).drop_vars("score")])

@@ -12,17 +12,6 @@ from fastcoil.model.parameter_table import PARAMETERS
 pytestmark = pytest.mark.kernel
 
 
-COMMON = {
-    "C_w": 8.8, "beta1": 0.32, "beta2": -0.20, "beta3": 0.40, "beta4": -0.45, "beta5": 0.42, "beta6": -0.42,
-    "cp_w": 4.186, "cp_a": 1.02, "pressure": 101325.0, "n_volumes": 8, "air_march": "lagged", "T_initial": 20.0,
-    "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38,
-    "rangeability": None, "authority": None, "m_full": None, "backlash": 0.07,
-    "command_resolution": 0.0, "noise_std": 0.0, "sensor_resolution": 0.0, "action": "cooling",
-    "backlash_estimate": 0.0, "estimate_ratio": None, "buffer": 1e-9, "learning_step": 0.0, "learning_interval": 1800.0,
-    "learning_ratio": 2.0, "learning_floor": 0.0, "learning_cap": 0.25, "learning_stop": "never",
-    "learning_min_switches": 0.0, "learning_max_reference": 1.0, "learning_early_trip": 0.0, "learning_growth": 1.0,
-    "learning_shrink": 1.0, "learning_final": 1.0, "learning_reference": 0.0, "learning_error_ratio": 0.0,
-}  # fmt: skip
 HEATING = {
     "cp_w": 4.186, "cp_a": 1.02, "pressure": 101325.0, "m_max": None, "valve_a": None, "valve_b": None, "valve_c": None,
     "rangeability": 50.0, "authority": 0.5, "m_full": 0.5, "leakage": 0.001, "sensor_time_constant": 30.0,
@@ -44,10 +33,10 @@ DESIGN_TABLE = {
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_are_the_documented_tables(name):
     loop = fc.Loop.preset(name)
-    others = {p.name: p.default for p in PARAMETERS.values()}  # what came later, and is off by default
+    others = {p.name: p.default for p in PARAMETERS.values()}
     heats = name in HEATING_COILS
     own = HEATING | HEATING_COILS[name] if heats else dict(zip(VARYING, DESIGN_TABLE[name], strict=True))
-    assert {p: loop[p] for p in PARAMETERS} == others | COMMON | own
+    assert {p: loop[p] for p in PARAMETERS} == others | own
 
 
 def test_every_preset_is_tested_and_the_default_is_paper_like():

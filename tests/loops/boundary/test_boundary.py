@@ -70,16 +70,6 @@ def test_labels_alone_make_a_day_dim_and_one_number_does_not():
     np.testing.assert_array_equal(alone.day, [9])
 
 
-def test_a_dataarrays_declared_unit_is_honoured():
-    fahrenheit = xr.DataArray(np.full(60, 77.0), dims="elapsed_time", attrs={"units": "degF"})
-    np.testing.assert_allclose(Boundary(**GOOD | {"T_a_in": fahrenheit}).series["T_a_in"], 25.0, rtol=1e-14)
-    wrong = fahrenheit.assign_attrs(units="Fahrenheit")
-    message = only_problem(Boundary, **GOOD | {"T_a_in": wrong})
-    assert "T_a_in" in message
-    assert "'Fahrenheit'" in message
-    assert "degF" in message
-
-
 # ------------------------------------------------------------------------------------------------------- sameness
 
 

@@ -106,28 +106,11 @@ def test_humidity_may_be_a_constant_in_any_form(write):
             replaced(2, [77, 77, 77]),
             ["T_a_in = 77 degC in row 2", "from -40 to 60 degC", "check its unit", "3 samples"],
         ),
-        ([ROWS[0], ROWS[1][:-1], ROWS[2]], ["row 3 has 5 cells where the header has 6"]),
-        ([ROWS[0]], ["1 row of data", "at least two"]),
         ([], ["0 rows of data", "at least two"]),
     ],
 )
 def test_bad_rows_are_named_with_value_and_cure(write, rows, words):
     assert_only_problem(words, Boundary.from_csv, write(HEADER, rows))
-
-
-@pytest.mark.parametrize(
-    ("header", "words"),
-    [
-        ([*HEADER[:5], "T_a_in [degC]"], ["column 'T_a_in [degC]' appears 2 times"]),
-        ([f"time {HEADER[0]}"], ["row 2 has 6 cells where the header has 1"]),
-        (
-            ["elapsed_time [s];m_a [kg/s];T_a_in [degC]"],
-            ["row 2 has 6 cells where the header has 1", "separate its cells as those of the rows"],
-        ),
-    ],
-)
-def test_bad_headers_are_named_with_the_cure(write, header, words):
-    assert_only_problem(words, Boundary.from_csv, write(header, ROWS))
 
 
 def test_all_mistakes_of_a_file_are_raised_at_once(write):
@@ -137,23 +120,6 @@ def test_all_mistakes_of_a_file_are_raised_at_once(write):
     for text, words in zip(found, ("m_a = -2", "T_a_in = 'x'", "T_w_in = -999", "same time"), strict=True):
         assert words in text
         assert text.startswith("log.csv: ")
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", ["is empty", "header row"]),
-        (b"\n\n\n", ["is empty"]),
-        ("m_a [kg/s],T_ä\n1,2\n".encode("latin-1"), ["not UTF-8", "CSV UTF-8"]),
-        (b"\x00\x01\x02,\x00\n\x00,\x00\n", ["bytes.csv"]),
-    ],
-)
-def test_bad_files(tmp_path, content, words):
-    path = tmp_path / "bytes.csv"
-    path.write_bytes(content)
-    found = problems(Boundary.from_csv, path)
-    for word in words:
-        assert word in found[0]
 
 
 @pytest.mark.parametrize(
