@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 
 import fastcoil as fc
 from fastcoil.base.arguments import flag_of, is_number, level_of, names_of, path_of, whole_of
@@ -40,7 +39,7 @@ def test_a_bad_whole_number_is_named_with_the_cure(value, sentence):
     with pytest.raises(InputError) as refused:
         whole_of("n", value, 1, 5)
     assert refused.value.problems == [sentence]
-    assert (whole_of("n", np.int64(5), 1, 5), whole_of("n", 10**30, 1)) == (5, 10**30)
+    assert (type(whole_of("n", np.int64(5), 1, 5)), whole_of("n", 10**30, 1)) == (int, 10**30)
 
 
 @pytest.mark.parametrize("level", [0, 1, 95, -0.1, float("nan"), "0.9", None, True])
@@ -49,11 +48,6 @@ def test_a_level_is_between_0_and_1(level):
         level_of(level)
     assert caught.value.problems == [f"level = {level!r}: must be a number between 0 and 1, such as 0.95"]
     assert (level_of(0.95), level_of(np.float32(0.5))) == (0.95, 0.5)
-
-
-def test_names_are_one_or_several():
-    assert names_of("over", "day") == ["day"]
-    assert names_of("over", ("day", np.str_("replicate"))) == ["day", "replicate"]
 
 
 @pytest.mark.parametrize(
@@ -66,39 +60,17 @@ def test_names_are_one_or_several():
     ],
 )
 def test_bad_names_are_named_with_the_cure(given, sentence):
+    assert names_of("over", ("day", np.str_("replicate"))) == ["day", "replicate"]
     with pytest.raises(InputError) as caught:
         names_of("over", given)
     assert caught.value.problems == [sentence]
 
 
-# --------------------------------------------------------------------------------------------- one check of each kind
-
-
-@pytest.mark.parametrize("value", [True, np.True_, np.array(True)])
-def test_a_flag_is_one_of_python_or_numpy(value):
-    assert flag_of("drop", value) is True
-
-
 @pytest.mark.parametrize("value", [1, 0, None, "True", pd.NA, np.array([True])])
-def test_anything_else_is_no_flag(value):
+def test_a_flag_is_true_or_false_of_python_or_numpy(value):
+    assert flag_of("drop", np.True_) is flag_of("drop", np.array(True)) is True
     with pytest.raises(InputTypeError, match="drop = .*: give True or False"):
         flag_of("drop", value)
-
-
-@pytest.mark.parametrize("value", [3, np.int64(3), np.uint8(3), np.array(3)])
-def test_a_whole_number_comes_back_as_one_of_python(value):
-    found = whole_of("n", value, 1, 5)
-    assert (found, type(found)) == (3, int)
-
-
-@pytest.mark.parametrize("value", [np.timedelta64(3, "s"), np.array(3, dtype="m8[s]"), np.ma.masked, 3.0])
-def test_a_duration_is_no_number(value):
-    with pytest.raises(InputTypeError):
-        whole_of("n", value, 1, 5)
-
-
-def test_a_path_is_a_text_or_has_one():
-    assert path_of("out", "a/b") == path_of("out", Path("a/b")) == path_of("out", np.str_("a/b")) == Path("a/b")
 
 
 @pytest.mark.parametrize(
@@ -112,14 +84,10 @@ def test_a_path_is_a_text_or_has_one():
     ],
 )
 def test_a_bad_path_is_named_with_the_cure(value, sentence):
+    assert path_of("out", np.str_("a/b")) == path_of("out", Path("a/b")) == Path("a/b")
     with pytest.raises(InputError) as caught:
         path_of("out", value)
     assert caught.value.problems == [sentence]
-
-
-def test_a_path_with_too_long_a_name_is_refused_before_anything_is_run():
-    with pytest.raises(InputError, match="File name too long"):
-        path_of("out", "a/" + "ä" * 128)
 
 
 def test_all_mistakes_of_a_call_come_together():
@@ -132,29 +100,6 @@ def test_all_mistakes_of_a_call_come_together():
         "backend = 'thread', did you mean 'threads'?: choose 'threads', 'loky' or 'dask'",
         "extend = 'yes': give True or False",
     ]
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: fc.Loop.from_dataset(5),
-        lambda: fc.Boundary.from_dataset(5),
-        lambda: fc.Boundary(m_a=xr.Dataset(), T_a_in=25, W_a_in=0.01, T_w_in=7, T_set=[14.0]),
-        lambda: fc.design_day(mode=[]),
-        lambda: fc.run_study("x.toml", backend=np.array([1, 2])),
-        lambda: fc.fit_valve("x.csv", drop=pd.NA),
-        lambda: fc.open_study(None),
-    ],
-)
-def test_a_wrong_type_is_a_type_error_too(call):
-    with pytest.raises(TypeError) as caught:
-        call()
-    assert isinstance(caught.value, fc.InputError)
-
-
-def test_a_number_of_numpy_without_dims_is_a_number():
-    assert fc.paper_day(hours=0.1, seed=np.array(1)) == fc.paper_day(hours=0.1, seed=1)
-    assert fc.Loop(kp=np.array(0.05)) == fc.Loop(kp=0.05)
 
 
 def test_sizes_that_a_value_asks_for_have_limits():

@@ -25,15 +25,6 @@ def test_the_whole_family_is_public():
         assert issubclass(getattr(fc, name), also)
 
 
-def test_every_class_of_the_family_is_public():
-    found, seen = {fc.FastcoilError}, set()
-    while found - seen:
-        cls = (found - seen).pop()
-        seen.add(cls)
-        found |= set(cls.__subclasses__())
-    assert {cls.__name__ for cls in found if cls.__module__.startswith("fastcoil")} <= set(fc.__all__)
-
-
 def test_a_sentence_on_a_wrong_type_makes_a_type_error_of_the_whole_call():
     assert type(fc.InputError("n = 3: lower it")) is fc.InputError
     mixed = fc.InputError(["n = 3: lower it", WrongType("m = 'x': give a number")])
@@ -101,9 +92,3 @@ def test_the_text_of_an_error_is_printable_and_cut_and_the_error_has_all_of_it()
     assert len(str(fc.InputError("\x07" * 10_000))) < 3000
     assert str(fc.IntegrityError("one\x1b\ntwo")) == "one\\x1b\ntwo"
     assert str(fc.StorageError("full\x1b")) == "full\\x1b"
-
-
-def test_a_path_with_control_characters_is_repeated_without_them():
-    with pytest.raises(fc.InputError) as caught:
-        fc.open_study("\x1b[31m")
-    assert str(caught.value).startswith("\\x1b[31m holds no study")

@@ -17,12 +17,6 @@ def test_a_byte_order_mark_is_dropped_and_line_ends_are_kept(tmp_path):
     assert read_text(path, "a CSV file", limit=100) == "Größe\r\nΔ\n"
 
 
-def test_a_file_of_just_the_limit_is_read(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_bytes(b"12345")
-    assert read_text(path, "a CSV file", limit=5) == "12345"
-
-
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
@@ -76,13 +70,6 @@ def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(tmp_path, monke
         read_bytes(pipe, limit=1000)
 
 
-def test_too_large_a_file_is_refused_unread(tmp_path):
-    with (tmp_path / "log.csv").open("wb") as file:
-        file.truncate(2**40)
-    with pytest.raises(InputError, match=r"has 1,099,511,627,776 bytes, more than 1,000: give a CSV file$"):
-        read_text(tmp_path / "log.csv", "a CSV file", limit=1000)
-
-
 def test_a_file_without_a_size_is_read_up_to_the_limit():
     """Files of the kernel say 0 bytes."""
     if not Path("/proc/self/status").exists():
@@ -118,12 +105,6 @@ def test_a_path_that_no_file_has_is_refused_in_one_short_sentence(tmp_path, monk
     (problem,) = refused.value.problems
     assert problem.endswith(words)
     assert len(problem) < 240
-
-
-def test_a_text_that_is_no_csv_file_is_to_be_saved_as_utf_8(tmp_path):
-    (tmp_path / "study.toml").write_bytes(b"\xe9")
-    with pytest.raises(InputError, match=r"is not UTF-8 \(byte 0\): save it as UTF-8$"):
-        read_text(tmp_path / "study.toml", "a study file", limit=5)
 
 
 def test_a_committed_file_is_whole_and_a_failed_commit_leaves_the_earlier_one(tmp_path, monkeypatch):

@@ -135,7 +135,3 @@ def test_a_stderr_that_nobody_reads_ends_no_run(outside_of_tests, monkeypatch):
     monkeypatch.setattr(sys, "stderr", Gone())
     with progress_of_call(True) as progress:
         progress.start(1)(1)
-
-
-def test_durations_in_words():
-    assert [shown.duration(s) for s in (0.04, 9.94, 99.4, 150, 7200)] == ["0.0 s", "9.9 s", "99 s", "2 min", "2.0 h"]

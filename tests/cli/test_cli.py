@@ -64,17 +64,6 @@ def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
 
 
-def test_the_help_shows_the_example_line_by_line(fastcoil):
-    lines = [line.strip() for line in fastcoil("--help").output.splitlines()]
-    first = lines.index("A first study:")
-    assert [line.split("  ")[0] for line in lines[first + 1 : first + 4]] == [
-        "fastcoil init study.toml",
-        "fastcoil plan study.toml",
-        "fastcoil run study.toml",
-    ]
-    assert lines[first + 3].endswith("NetCDF and figures")
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -138,12 +127,3 @@ def test_an_interrupt_exits_with_130(fastcoil, tmp_path, monkeypatch):
     result = fastcoil("run", "small.toml")
     assert result.exit_code == 130
     assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
-
-
-def test_every_public_name_can_be_had():
-    import fastcoil
-
-    for name in fastcoil.__all__:
-        assert getattr(fastcoil, name) is not None
-    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
-        _ = fastcoil.simulat

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fastcoil.base.errors import StorageError
 from fastcoil.cli.main import main
 from fastcoil.study.file import starters as shipped
 from studies.__main__ import questions
@@ -44,14 +43,6 @@ def test_a_shipped_study_is_written_under_its_name_or_another(fastcoil, tmp_path
     assert fastcoil("init", "--from", "robustness").exit_code == 2
 
 
-@pytest.mark.kernel
-def test_a_shipped_study_plans(fastcoil):
-    fastcoil("init", "--from", "paper_like")
-    planned = fastcoil("plan", "paper_like.toml")
-    assert planned.exit_code == 0, planned.output
-    assert "10 day" in planned.output
-
-
 def test_the_list_names_every_study_with_its_title_and_writes_nothing(fastcoil, tmp_path):
     listed = fastcoil("init", "--list")
     assert listed.exit_code == 0
@@ -83,16 +74,3 @@ def test_a_study_that_a_script_analyses_says_so(fastcoil):
     for name, words in analysed.items():
         module = questions()[words.split("`")[1].removeprefix("python -m studies ")].module
         assert name in (ROOT / module.replace(".", "/")).with_suffix(".py").read_text()
-
-
-def test_an_installed_package_has_its_own_studies(tmp_path, monkeypatch):
-    monkeypatch.setattr(shipped, "files", lambda _: tmp_path / "fastcoil")
-    with pytest.raises(StorageError, match="install it again"):
-        shipped.shipped_studies()
-    (tmp_path / "studies" / "foreign").mkdir(parents=True)
-    (tmp_path / "studies" / "foreign" / "foreign.toml").write_text('title = "of another package"')
-    with pytest.raises(StorageError, match="install it again"):
-        shipped.shipped_studies()
-    (tmp_path / "fastcoil" / "studies" / "mine").mkdir(parents=True)
-    (tmp_path / "fastcoil" / "studies" / "mine" / "mine.toml").write_text('title = "Mine"')
-    assert shipped.shipped_studies() == {"mine": 'title = "Mine"'}

@@ -22,11 +22,6 @@ def test_parameters_lists_every_one_with_unit_and_bounds(fastcoil):
     assert "did you mean 'kp'" in fastcoil("parameters", "kpp").output
 
 
-def test_the_help_of_the_estimate_says_what_it_is_to_the_learner(fastcoil):
-    line = next(line for line in fastcoil("parameters", "backlash_estimate").output.splitlines() if "0.0" in line)
-    assert "the learner starts here and never goes below it" in line
-
-
 def test_presets_are_listed_as_in_python(fastcoil):
     assert fastcoil("presets").output == f"{fc.presets()!r}\n"
 

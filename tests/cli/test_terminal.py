@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import fastcoil
-from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.base.errors import InputError
 from fastcoil.base.text import printable
 from fastcoil.cli.main import main
 from fastcoil.cli.terminal import complain, say
@@ -66,11 +66,6 @@ def test_many_mistakes_are_cut_and_counted_and_the_exception_keeps_all(capsys):
     assert len(error.problems) == 30_000
 
 
-def test_other_errors_of_many_lines_are_cut_too(capsys):
-    complain(IntegrityError("\n".join("damaged" for _ in range(21))))
-    assert capsys.readouterr().err.splitlines()[-1] == "fastcoil: … and 1 more line"
-
-
 def test_everything_is_printed_through_the_one_function():
     """Else a new command would show text of strangers as it is; the bar has words and numbers of its own alone."""
     for path in Path(fastcoil.__file__).parent.rglob("*.py"):
@@ -124,12 +119,6 @@ def test_words_of_the_command_line_reach_the_terminal_as_text(fastcoil_command, 
     assert result.output
     assert "Traceback" not in result.output
     assert not set(result.output) & (set(NASTY) - set(SAFE) - {"\n"}), result.output
-
-
-def test_a_usage_error_names_the_command_and_its_help(fastcoil_command):
-    result = fastcoil_command("run", "--nope")
-    assert result.exit_code == 2
-    assert "Usage: main run [OPTIONS] STUDY\nTry 'main run --help' for help.\n\nError: No such option" in result.output
 
 
 def test_a_fault_of_ours_is_shown_as_text_too(tmp_path):
