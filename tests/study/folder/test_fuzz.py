@@ -102,23 +102,17 @@ def ordeals(originals, out, kind, seeds):
     assert harmless < len(seeds)
 
 
-@pytest.mark.parametrize(("kind", "times"), [("finished", 15), ("unfinished", 4)])
-def test_damage_gives_the_right_numbers_or_a_sentence(originals, out, kind, times):
-    ordeals(originals, out, kind, range(times))
-
-
-def test_damage_without_recorded_hashes_gives_the_right_numbers_or_a_sentence(originals, out, monkeypatch):
+@pytest.mark.parametrize(
+    ("kind", "seeds"),
+    [
+        ("finished", range(15)),
+        ("unfinished", range(4)),
+        ("without run.json", range(2)),
+        pytest.param("finished", range(1000, 1700), marks=pytest.mark.full),
+        pytest.param("unfinished", range(1000, 1300), marks=pytest.mark.full),
+        pytest.param("without run.json", range(2, 100), marks=pytest.mark.full),
+    ],
+)
+def test_damage_gives_the_right_numbers_or_a_sentence(originals, out, monkeypatch, kind, seeds):
     monkeypatch.setattr(netcdf, "_SECONDS", 5)
-    ordeals(originals, out, "without run.json", range(2))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(("kind", "times"), [("finished", 700), ("unfinished", 300)])
-def test_very_much_damage(originals, out, kind, times):
-    ordeals(originals, out, kind, range(1000, 1000 + times))
-
-
-@pytest.mark.full
-def test_very_much_damage_without_recorded_hashes(originals, out, monkeypatch):
-    monkeypatch.setattr(netcdf, "_SECONDS", 5)
-    ordeals(originals, out, "without run.json", range(2, 100))
+    ordeals(originals, out, kind, seeds)

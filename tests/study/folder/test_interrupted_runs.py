@@ -40,8 +40,8 @@ def slow_run(tmp_path):
     (tmp_path / "slow.py").write_text(script)
     runs = []
 
-    def start(backend, n_jobs=2):
-        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", backend, "-j", n_jobs, "--no-figures")
+    def start(n_jobs=2):
+        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", "loky", "-j", n_jobs, "--no-figures")
         runs.append(started(*words, cwd=tmp_path))
         wait_for(lambda: len(list((tmp_path / "out" / SHARDS).glob("*.nc"))) >= 2, within=60)
         return runs[-1]
@@ -57,51 +57,33 @@ def resumed(folder, golden):
     assert finished.results.attrs["content_sha256"] == golden
 
 
-# for threads, see the commands that are interrupted
-@pytest.mark.parametrize("backend", ["loky", pytest.param("threads", marks=pytest.mark.full)])
-def test_ctrl_c_ends_a_run_at_once_and_it_can_go_on(slow_run, golden, tmp_path, backend):
-    run = slow_run(backend, n_jobs=1)  # two in the tests of other signals
+@pytest.mark.parametrize(
+    ("number", "times", "code"),
+    [
+        (signal.SIGINT, 1, 130),
+        pytest.param(signal.SIGINT, 2, 130, marks=pytest.mark.full),
+        pytest.param(signal.SIGTERM, 1, 143, marks=pytest.mark.full),
+    ],
+)
+def test_a_signal_ends_a_run_and_its_workers_at_once_and_it_can_go_on(slow_run, golden, tmp_path, number, times, code):
+    run = slow_run(n_jobs=1)
     workers = children(run.pid)
-    assert workers or backend == "threads"
-    os.killpg(run.pid, signal.SIGINT)
+    assert workers
     start = time.monotonic()
-    code, _, err = ended(run, 20)
-    assert time.monotonic() - start < 5
-    assert code == 130
-    last = err.splitlines()[-1]
-    assert last.startswith("fastcoil: interrupted; finished scenarios are kept, to resume:")
-    assert "Traceback" not in err
-    assert gone(workers.values(), 2)
-    resumed(tmp_path, golden)
-
-
-@pytest.mark.full
-def test_ctrl_c_twice_ends_a_run_at_once_too(slow_run, golden, tmp_path):
-    run = slow_run("loky")
-    workers = children(run.pid)
-    for _ in range(2):
-        os.killpg(run.pid, signal.SIGINT)
+    for _ in range(times):
+        os.killpg(run.pid, number)
         time.sleep(0.1)
-    assert ended(run, 10)[0] == 130
-    assert gone(workers.values(), 3)
-    resumed(tmp_path, golden)
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_batch_system_that_ends_a_run_leaves_no_worker(slow_run, golden, tmp_path, number):
-    run = slow_run("loky")
-    workers = children(run.pid)
-    run.send_signal(number)
-    code, _, err = ended(run, 20)
-    assert code == 143
+    ended_with, _, err = ended(run, 20)
+    assert time.monotonic() - start < 5
+    assert ended_with == code
+    assert err.splitlines()[-1].startswith("fastcoil: interrupted; finished scenarios are kept, to resume:")
     assert "Traceback" not in err
     assert gone(workers.values(), 2)
     resumed(tmp_path, golden)
 
 
 def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path):
-    run = slow_run("loky")
+    run = slow_run()
     workers = [p for p in psutil.Process(run.pid).children(recursive=True)]
     assert len(workers) >= 2
     run.kill()
