@@ -29,7 +29,6 @@ from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_poi
 
 STANDARD_PRESSURE = 101325.0
 """At sea level, Pa."""
-WEEKDAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 _LARGEST = 2**28  # bytes; a year by minutes has half as many
 
 WEATHER_COLUMNS = {
@@ -52,15 +51,14 @@ class Weather(NamedTuple):
     """Content of a weather file.
 
     series: by the names of `WEATHER_COLUMNS`, in our units, each (n_rows,); also ``year`` if all rows have one.
-    minutes: from row to row.  notes: how it was read.  site, first_weekday, time_zone: where it was measured, day of
-    the week of the first row, and standard time such as ``UTC-08:00``; each blank if the file does not say.
+    minutes: from row to row.  notes: how it was read.  site, time_zone: where it was measured, and standard
+    time such as ``UTC-08:00``; blank if the file does not say.
     """
 
     series: dict[str, Array]
     minutes: int
     notes: list[str]
     site: str = ""
-    first_weekday: str = ""
     time_zone: str = ""
 
     def pressure(self, given: float | None) -> Array | float:
@@ -204,7 +202,7 @@ class Layout(NamedTuple):
     """Where a file has what; site and time_zone as of `Weather`.
 
     n_top: lines above the rows.  date: cells of month, day and hour, as ``clock`` matches them when they are joined by
-    blanks.  weekday: that of a date such as ``6/14``, both blank if the file names none.
+    blanks.
     """
 
     format: str
@@ -215,7 +213,6 @@ class Layout(NamedTuple):
     fields: Mapping[str, Field]
     site: str
     time_zone: str
-    weekday: tuple[str, str] = ("", "")
 
 
 _EPW_FIELDS = {
@@ -242,18 +239,17 @@ def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
         raise InputError(
             f"{file} begins as an EPW file, but has no line DATA PERIODS: give all eight lines of its header"
         )
-    records, _, weekday, begins = [*[cell.strip() for cell in lines[n_top - 1].split(",")[2:6]], "", "", "", ""][:4]
+    records = "".join(cell.strip() for cell in lines[n_top - 1].split(",")[2:3])
     per_hour = int(records) if re.fullmatch(r"\d\d?", records, re.ASCII) else 0
     if not per_hour or 60 % per_hour:
         raise InputError(
             f"{file}: DATA PERIODS in row {n_top} tells {shown(records)} records per hour: give 1, or another number "
             "that divides 60"
         )
-    date = re.match(r"0?(\d\d?)\s*/\s*0?(\d\d?)", begins, re.ASCII)
     place = lines[0].split(",")
     return Layout(
         "an EPW file", n_top, per_hour, (1, 2, 3), r"\s*(\d\d?)\s+(\d\d?)\s+(\d\d?)\s*", _EPW_FIELDS,
-        _site(place[1:4]), _time_zone(place[8:9]), (f"{date[1]}/{date[2]}" if date else "", weekday.capitalize()),
+        _site(place[1:4]), _time_zone(place[8:9]),
     )  # fmt: skip
 
 
@@ -308,10 +304,8 @@ def _read_year(file: str, lines: Sequence[str], layout: Layout, fields: Mapping[
         for name in used
     }
     _require_plausible(table, series)
-    begins, weekday = layout.weekday
-    known = weekday in WEEKDAYS and begins == f"{times['month'][0]:g}/{times['day'][0]:g}"
     minutes = 60 // layout.per_hour
-    return Weather(times | series, minutes, table.notes, layout.site, weekday if known else "", layout.time_zone)
+    return Weather(times | series, minutes, table.notes, layout.site, layout.time_zone)
 
 
 def _times_of(table: Table, layout: Layout, written: Sequence[str]) -> dict[str, Array]:

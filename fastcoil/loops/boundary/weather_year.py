@@ -22,32 +22,21 @@ from fastcoil.logs.columns import require_mappings
 from fastcoil.loops.boundary.air_handler import chosen_settings, outdoors_of, series_of_day, settings_of
 from fastcoil.loops.boundary.conditions import condition_of, days_of, several_of
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.weather_files import WEEKDAYS, Weather, read_weather, warn_of_hours
+from fastcoil.loops.boundary.weather_files import Weather, read_weather, warn_of_hours
 
 _FIRST_YEAR, _LAST_YEAR = 1970, 2199
-_USUAL_YEAR = 2001
 MonthDay: TypeAlias = tuple[int, int]
 
 
-def _year_of(year: int | None, weather: Weather, file: str) -> int:
-    """The year that a file stands for; without one the first from 2001 on that fits the weekday of its first row."""
+def _require_leap_year(year: int, weather: Weather, file: str) -> None:
+    """Refuse a year that has a 29 February where the file has none, and the other way round."""
     hours, series = weather.series["hour_of_year"], weather.series
     leap = bool(hours[-1] > 8760)
     if "month" in series and "day" in series:
         leap = leap or bool(((series["month"] == 2) & (series["day"] == 29)).any())
-    if year is None:
-        if not weather.first_weekday:
-            raise InputError(f"year is missing: {file} does not tell the day of the week, give a year such as 2023")
-        after = timedelta(days=int((hours[0] - 1.0) // 24.0))
-        return next(
-            one
-            for one in range(_USUAL_YEAR, _USUAL_YEAR + 40)
-            if isleap(one) == leap and WEEKDAYS[(date(one, 1, 1) + after).weekday()] == weather.first_weekday
-        )
     if isleap(year) != leap:
         has, other = ("a", "a leap year") if leap else ("no", "a year that is no leap year")
         raise InputError(f"year = {year}: {file} has {has} 29 February, give {other}")
-    return year
 
 
 def _labels_between(first: MonthDay | None, last: MonthDay | None, available: range, year: int) -> list[int]:
@@ -107,7 +96,7 @@ def weather_year(
     path: str | Path,
     *,
     mode: str = "cooling",
-    year: int | None = None,
+    year: int,
     days: Sequence[int] | None = None,
     first_date: str | None = None,
     last_date: str | None = None,
@@ -166,8 +155,7 @@ def weather_year(
     mode
         ``cooling`` or ``heating``: of the coil.
     year
-        Whose days of the week and dates count.  If left out, the first from 2001 on that fits the day of the week in an
-        EPW file; other files do not have one.
+        Whose days of the week and dates count.
     days
         Days of the year, from 1; all if left out.  A day before the one in front of it is one of the next year.
     first_date, last_date
@@ -212,7 +200,7 @@ def weather_year(
         check(require_mappings, columns=columns, units=units)
         pressure = check.unless_none(condition_of, "pressure", pressure)
         years = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
-        year = check.unless_none(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years)
+        year = check(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years)
         labels = check.unless_none(days_of, "days", days)
         first = check.unless_none(_month_day_of, "first_date", first_date)
         last = check.unless_none(_month_day_of, "last_date", last_date)
@@ -224,7 +212,7 @@ def weather_year(
             check.problems.append("days and first_date, last_date are both given: give one of them")
     weather = read_weather(path, columns, units, pressure)
     outdoors = outdoors_of(weather, pressure, path.name)
-    year = _year_of(year, weather, path.name)
+    _require_leap_year(year, weather, path.name)
     if labels is None:
         labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
     dates = _dates_of(labels, year)

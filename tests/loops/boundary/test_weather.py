@@ -145,5 +145,5 @@ def test_how_a_weather_file_was_read_is_said(tmp_path):
     path = tmp_path / "weather.csv"
     text = "\n".join(";".join(map(str, row)).replace(".", ",") for row in [WEATHER_HEADER, *WEATHER_ROWS])
     path.write_text("Station 7\n" + text, encoding="utf-8")
-    with pytest.warns(UserWarning, match=r"weather.csv: separated by semicolons; .* 'Station 7' on; .* comma"):
+    with pytest.warns(UserWarning, match=r"separated by semicolons; .* 'Station 7' on; .* comma"):
         weather_day(path, start_hour=34, **PLANT)
