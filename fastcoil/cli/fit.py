@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.progress import progress_of_command
 from fastcoil.cli.arguments import PATH, pairs
 from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.logs import require_writable, with_reading_options
@@ -19,30 +17,6 @@ from fastcoil.cli.terminal import announce_compilation, say
 if TYPE_CHECKING:
     from fastcoil.loops.loop import Loop
     from fastcoil.measured.fit import Fit
-
-
-@contextmanager
-def fit_progress() -> Iterator[None]:
-    """Show the progress of the fits inside, one part after the other."""
-    from fastcoil.measured.least_squares import progress
-
-    with progress_of_command() as shown:
-        advance, part, at = None, "", 0
-
-        def report(what: str = "", done: int | None = None, of: int = 0) -> None:
-            nonlocal advance, part, at
-            if what and (what != part or done == 0):
-                advance, part, at = shown.start(of, what=what), what, 0
-            if advance:
-                done = at if done is None else done
-                advance(done - at)
-                at = done
-
-        token = progress.set(report)
-        try:
-            yield
-        finally:
-            progress.reset(token)
 
 
 @click.group()
@@ -112,8 +86,7 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
 
     require_writable(out)
     announce_compilation("valve_flows")
-    with fit_progress():
-        found = fit_valve(data, **options)
+    found = fit_valve(data, **options)
     write_and_print(found, out, report)
 
 
@@ -148,10 +121,9 @@ def fit_coil_command(
 
     require_writable(out)
     announce_compilation("march_coil")
-    with fit_progress():
-        found = fit_coil(
-            data, constants=numbers("--constant", constants), minimise_on="both" if both else "T_sup", **options
-        )
+    found = fit_coil(
+        data, constants=numbers("--constant", constants), minimise_on="both" if both else "T_sup", **options
+    )
     write_and_print(found, out, report)
 
 

@@ -60,12 +60,17 @@ def recover_pi(
     if changes.size < LEAST_CHANGES:
         return f"the command changes {changes.size} times only: log a day on which the loop works"
     every = _sample_time(command, changes, interval) if sample_time is None else sample_time
-    found = _recovered(command, temperature, T_set, interval, good, changes, every, sample_time)
-    # many logs write the command that answers a temperature one sample after it
-    before = np.maximum(np.arange(command.size) - 1, 0)
-    both = good & good[before]
-    both[0] = False
-    later = _recovered(command, temperature[before], T_set[before], interval, both, changes, every, sample_time)
+    answers = []
+    for late in (0, 1):  # many logs write the command that answers a temperature one sample after it
+        at = np.maximum(np.arange(command.size) - late, 0)
+        T, wanted, usable = temperature[at], T_set[at], good & good[at]
+        usable[:late] = False
+        if every > 1.2 * interval:
+            answers.append(_slower(command, T - wanted, changes, interval, every))
+        else:
+            between = interval * (0.5 * (T[1:] + T[:-1]) - wanted[:-1])
+            answers.append(_faster(command, T - wanted, between, usable, interval, sample_time))
+    found, later = answers
     if found is None or (later is not None and 1.0 - later.explained < LESS * (1.0 - found.explained)):
         found = later
     if found is None:
@@ -78,18 +83,6 @@ def recover_pi(
     if found.ti <= 0.0 or not np.isfinite(found.ti):
         return "the command moves without an error: not a PI"
     return found
-
-
-def _recovered(
-    command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, changes: Index, every: float,
-    given: float | None,
-) -> RecoveredPI | None:  # fmt: skip
-    """The PI whose command answers the temperature of the same sample."""
-    error = temperature - T_set
-    if every > 1.2 * interval:
-        return _slower(command, error, changes, interval, every)
-    between = 0.5 * (temperature[1:] + temperature[:-1]) - T_set[:-1]
-    return _faster(command, error, interval * between, good, interval, given)
 
 
 def _sample_time(command: Array, changes: Index, interval: float) -> float:

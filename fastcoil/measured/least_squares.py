@@ -10,16 +10,12 @@ a meter gets wrong for hours or for a whole batch does not average out within it
 """
 
 from collections.abc import Callable, Sequence
-from contextvars import ContextVar
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.measured.part import unbroken
-
-progress: ContextVar[Callable[..., None]] = ContextVar("progress", default=lambda *part: None)
-"""Called as (what, done, of) at the start of each part of a fit, and without arguments after each run of the model."""
 
 CONFIDENCE = 0.95
 FORBIDDEN = 1e6  # residual of a parameter set that cannot be run
@@ -74,7 +70,6 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
         sets[which, 1 + 2 * k] = np.minimum(x[which] + step, model.upper[which])
         sets[which, 2 + 2 * k] = np.maximum(x[which] - step, model.lower[which])
     found = model.residuals(sets)
-    progress.get()()
     found = np.where(np.isfinite(found), found, FORBIDDEN)
     J = np.zeros((found.shape[0], p))
     forbidden = np.atleast_1d((np.abs(found) >= FORBIDDEN).any(axis=0))
@@ -95,7 +90,6 @@ def _screened(model: Model, starts: Array) -> Array:
     """Residual sum of squares of every start (p, sets)."""
     sums = []
     for first in range(0, starts.shape[1], _SCREENED_AT_ONCE):
-        progress.get()("starts", first, starts.shape[1])
         r = model.residuals(starts[:, first : first + _SCREENED_AT_ONCE])
         r = np.where(np.isfinite(r), r, FORBIDDEN)
         sums.append(np.einsum("ij,ij->j", r, r))
@@ -107,12 +101,7 @@ def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: 
     if starts.shape[1] == 1:
         return _descended(model, starts[:, 0], fixed, max_steps)
     order = np.argsort(_screened(model, starts))[:_REFINED]
-    found = []
-    for i, k in enumerate(order):
-        progress.get()("descents", i, order.size + 1)
-        found.append(_descended(model, starts[:, k], fixed, max_steps))
-    best = min(found, key=lambda one: one.rss)
-    progress.get()("descents", order.size, order.size + 1)
+    best = min((_descended(model, starts[:, k], fixed, max_steps) for k in order), key=lambda one: one.rss)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
     polished = _descended(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)
     return _at(model, min(best, polished, key=lambda one: one.rss).x)  # with short steps a kink looks like a slope
@@ -271,7 +260,6 @@ def profile(
     for way in (range(middle, grid.size), range(middle - 1, -1, -1)):
         x = best.x
         for i in way:
-            progress.get()("values of the backlash", len(found), grid.size)
             start = x.copy()
             start[k] = grid[i]
             found[i] = minimise(model, start[:, None], [*fixed, k], max_steps)
