@@ -128,6 +128,6 @@ def test_a_plain_pi_and_an_inverse_have_rows_of_their_own_and_labels_without_one
     assert "Left out" not in plot(folder, *words, "--at", "estimate_ratio=0", "--at", "estimate_ratio=1.2").output
     assert plot(folder, *words).exit_code == 0
     text = (tmp_path / "rows.svg").read_text()
-    for words in ("estimate / backlash = 0 %, plain PI", "estimate / backlash = 100 %", "estimate / backlash = 120 %"):
+    for words in ("estimate / backlash = 0 %, plain PI", "estimate / backlash = 80 %", "estimate / backlash = 120 %"):
         assert words in text
     assert "0 being the plain PI" not in text

@@ -6,9 +6,11 @@ for each metric, as many abreast as its width takes, and with ``by`` a row of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -16,9 +18,9 @@ import xarray as xr
 from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.errors import shown as quoted
-from fastcoil.base.figures import BLUE, GREY, apply_style, wrapped
+from fastcoil.base.figures import BLUE, apply_style, wrapped
 from fastcoil.deliver.figures import drawing
-from fastcoil.loops.labels import label_in_words, plain_pi, quantity_of, quantity_of_values
+from fastcoil.loops.labels import label_in_words, plain_pi
 from fastcoil.model.metric_table import METRICS, metric_meant
 from fastcoil.model.parameter_table import CHANCE_DIMS
 from fastcoil.study.analysis.selected import numeric_dims
@@ -41,64 +43,6 @@ STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
 _ALTERNATIVES = 100  # more rows of names than this are no figure
 
 
-class _Panel(NamedTuple):
-    """values: of its metric, of all rows; row, words: its label of ``by``; lowest: whether it labels its column."""
-
-    axes: Axes
-    values: xr.DataArray
-    row: int | None
-    words: str
-    lowest: bool
-
-
-class _Sheet:
-    """A figure with its panels.  of: dimensions that they show; height: of a panel; width: of the figure, inches."""
-
-    def __init__(
-        self, ds: xr.Dataset, metrics: Sequence[str], of: Sequence[str], by: str | None, width: float | None,
-        height: float, *, one_row: bool = False, **shared: Any,
-    ) -> None:  # fmt: skip
-        from matplotlib.figure import Figure
-
-        if by in of:
-            raise InputError(f"{by} is named twice: choose two different axes")
-        self.ds, self.by, self.rows = ds, by, rows_of(ds, by)
-        self.pooled = drawing.pooled_dims(ds["status"], *of, by)
-        n, abreast = len(metrics), panels_abreast(width)
-        rows, columns = (len(self.rows), n) if by or one_row else (-(-n // min(n, abreast)), min(n, abreast))
-        if by and width is not None and n > abreast:
-            raise InputError(
-                f"a figure of {_MILLIMETRES * width:.0f} mm takes {abreast} panel{'s' * (abreast > 1)} abreast, "
-                f"not one for each of {n} metrics: give fewer, or more width"
-            )
-        size = (_PANEL * max(columns, 2) if width is None else width, height * rows + 0.5)
-        self.figure = Figure(figsize=size, layout="constrained")
-        axes = self.figure.subplots(rows, columns, squeeze=False, **shared)
-        for unused in axes.flat[n * len(self.rows) :]:
-            unused.remove()
-        self.width = _PANEL if width is None else width / columns
-        self.panels = [
-            _Panel(panel, ds[metric], index, words, lowest=not by or k == len(self.rows) - 1)
-            for k, (index, words) in enumerate(self.rows)
-            for panel, metric in zip(axes[k] if by else axes.flat, metrics, strict=False)
-        ]
-        self.alike = axes.T if by else axes.reshape(-1, 1)
-        """Panels that share a scale, in rows."""
-
-    def head(self, *marks: str, more: str = "") -> Figure:
-        """Write the title of the study, what is pooled and drawn, and how much of it failed."""
-        left = "" if self.by is None else drawing.left_out_in_words(self.ds, self.by, len(self.rows))
-        words = drawing.describe(self.ds, self.pooled, *marks) + left + more + drawing.failed_in_words(self.ds)
-        lines = [str(self.ds.attrs["title"])] if self.ds.attrs.get("title") else []
-        self.figure.suptitle(wrapped("\n".join([*lines, words]), self.figure.get_figwidth(), 9))
-        return self.figure
-
-
-def panels_abreast(width: float | None) -> int:
-    """How many panels stand side by side in a width in inches."""
-    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
-
-
 @apply_style()
 def maps(
     ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRICS, by: str | None = None,
@@ -110,21 +54,19 @@ def maps(
     ``width``: of the figure, inches.
     """
     _check(ds, metrics, x=x, y=y)
-    sheet = _Sheet(ds, metrics, (x, y), by, width, 3.0)
-    meshes: dict[Any, list[QuadMesh]] = {}
-    for axes, values, index, words, _ in sheet.panels:
-        part = values if index is None else values.isel({by: index})
-        of = quantity_of_values(part)
-        axes.set_title(wrapped("\n".join(filter(None, [words, of.axis])), 0.8 * sheet.width, 9))
-        mesh = drawing.median_map(axes, part, of, x, y, sheet.width)
+    meshes: dict[Hashable, list[QuadMesh]] = defaultdict(list)
+
+    def draw(axes: Axes, values: xr.DataArray) -> None:
+        mesh = drawing.draw_map(axes, values, x, y)
         if mesh is not None:
-            meshes.setdefault(values.name, []).append(mesh)
-            sheet.figure.colorbar(mesh, ax=axes)
+            meshes[values.name].append(mesh)
+
+    figure = _figure(ds, metrics, (x, y), draw, drawing.COLOUR, by, width, 3.0)
     for alike in meshes.values():  # rows are compared
-        limits = [mesh.get_clim() for mesh in alike]
+        ends = [end for mesh in alike for end in mesh.get_clim()]
         for mesh in alike:
-            mesh.set_clim(min(low for low, _ in limits), max(high for _, high in limits))
-    return sheet.head("Colour", "", "", more=drawing.exact_in_words(x, y))
+            mesh.set_clim(min(ends), max(ends))
+    return figure
 
 
 @apply_style()
@@ -136,28 +78,11 @@ def bands(
     ``by``, ``width``: as of ``maps``; what ``by`` names is not pooled.
     """
     _check(ds, metrics, x=x)
-    shared: Any = {"sharex": "col", "sharey": "col"} if by else {}
-    sheet = _Sheet(ds, metrics, (x,), by, width, 2.2 if by else 2.8, **shared)
-    of_x = quantity_of(ds, x)
-    along = of_x.factor * ds[x]
-    for axes, unscaled, index, words, lowest in sheet.panels:
-        of = quantity_of_values(unscaled)
-        part = values = of.factor * unscaled
-        if index is not None:
-            part = values.isel({by: index})
-            axes.set_title(wrapped(words, 0.8 * sheet.width, 9), loc="left")
-            others = values.isel({by: [other for other, _ in sheet.rows if other != index]})
-            axes.plot(along, others.median(drawing.pooled_dims(others, x, by)).transpose(x, by), color=GREY, lw=0.8)
-        drawing.curve(axes, along, part, label=words or None, color=BLUE)
-        drawing.label_axes(axes, of_x.axis if lowest else "", of.axis, sheet.width)
-        drawing.mark_exact(axes, x)
-        if "relative_to" in unscaled.attrs:
-            axes.axhline(0.0, color="black", lw=0.8)
-        drawing.say_if_empty(axes, values)
-    for alike in sheet.alike:
-        drawing.from_zero(alike, "y")
-    more = ("; grey: medians of the other rows" if by else "") + drawing.exact_in_words(x)
-    return sheet.head("Line", "band", "thin lines", more=more)
+
+    def draw(axes: Axes, values: xr.DataArray) -> None:
+        drawing.draw_curve(axes, values, x, color=BLUE)
+
+    return _figure(ds, metrics, (x,), draw, drawing.LINE, by, width, 2.4)
 
 
 @apply_style()
@@ -170,23 +95,57 @@ def alternatives(
     ``by``, ``width``: as of ``bands``.
     """
     _check(ds, metrics)
-    n = ds.sizes[dim]
-    shared: Any = {"sharex": "col"} if by else {}
-    sheet = _Sheet(ds, metrics, (dim,), by, width, 1.0 + 0.22 * n, one_row=width is None, sharey=True, **shared)
-    for axes, values, index, words, lowest in sheet.panels:
-        part = values if index is None else values.isel({by: index})
-        of = quantity_of_values(part)
-        drawing.dots(axes, of.factor * part, dim, BLUE)
-        axes.set_title(wrapped(words, 0.9 * sheet.width, 9), loc="left")
-        if lowest:
-            axes.set_xlabel(wrapped(of.axis, 0.8 * sheet.width, 9))
-        drawing.say_if_empty(axes, part)
-    for alike in sheet.alike:
-        drawing.from_zero(alike, "x")
-    first = sheet.panels[0].axes
-    first.set_yticks(np.arange(n), [str(v) for v in ds[dim].values])
-    first.set_ylim(n - 0.4, -0.6)
-    return sheet.head("Dot", "line", "small dots")
+
+    def draw(axes: Axes, values: xr.DataArray) -> None:
+        drawing.draw_dots(axes, values, dim, BLUE)
+
+    return _figure(ds, metrics, (dim,), draw, drawing.DOT, by, width, 1.0 + 0.22 * ds.sizes[dim], sharey=True)
+
+
+def panels_abreast(width: float | None) -> int:
+    """How many panels stand side by side in a width in inches."""
+    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
+
+
+def _figure(
+    ds: xr.Dataset, metrics: Sequence[str], drawn: tuple[str, ...], draw: Callable[[Axes, xr.DataArray], None],
+    marks: Sequence[str], by: str | None, width: float | None, height: float, *, sharey: bool = False,
+) -> Figure:  # fmt: skip
+    """A figure with a panel for each metric, and with ``by`` a row of them for each label.
+
+    drawn: dimensions that a panel shows.  draw: draws values into a panel.  height: of a panel, inches.
+    """
+    from matplotlib.figure import Figure
+
+    if by in drawn:
+        raise InputError(f"{by} is named twice: choose two different axes")
+    rows, n = rows_of(ds, by), len(metrics)
+    columns = n if by else min(n, panels_abreast(width))
+    inches = _PANEL * max(columns, 2) if width is None else width
+    if by and inches < n * _NARROWEST:
+        raise InputError(
+            f"a figure of {_MILLIMETRES * inches:.0f} mm takes no {n} panels abreast: give fewer metrics, or more width"
+        )
+    panels = [
+        (ds[metric] if index is None else ds[metric].isel({by: index}), words)
+        for index, words in rows
+        for metric in metrics
+    ]
+    n_rows = math.ceil(len(panels) / columns)
+    figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
+    alike: Any = "col" if by else False
+    axes = figure.subplots(n_rows, columns, squeeze=False, sharex=alike, sharey=sharey or alike).ravel()
+    for unused in axes[len(panels) :]:
+        unused.remove()
+    for panel, (values, words) in zip(axes, panels, strict=False):
+        draw(panel, values)
+        panel.set_title(drawing.fitted(panel, words), loc="left")
+        if by and not panel.get_subplotspec().is_last_row():
+            panel.set_xlabel("")
+    words = drawing.pooled_in_words(ds["status"], (*drawn, by), marks)
+    words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
+    figure.suptitle(wrapped("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
+    return figure
 
 
 def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
@@ -224,13 +183,13 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
 def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
     """Position and words of the labels that get a row of panels each.
 
-    Those are all of up to six; of more the first, the middle and the last, of estimates that of 100 % between.
+    Those are all of up to six; of more the first, the middle and the last.
     """
     if by is None:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
     drawing.check_dim("by", by, dims)
-    chosen = drawing.picked(ds, by, _MOST_ROWS)
+    chosen = drawing.picked(ds.sizes[by], _MOST_ROWS)
     is_plain, pi = (ds[by].values == 0.0) & (by in ESTIMATES), plain_pi(ds)
     return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]
 

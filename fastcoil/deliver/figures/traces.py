@@ -1,11 +1,10 @@
-"""``fc.plot.traces``, ``learning`` and ``limit_cycle``: up to three scenarios with traces, and swings of many."""
+"""``fc.plot.traces``, ``learning`` and ``limit_cycle``: up to three scenarios with traces."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Collection
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,12 +13,11 @@ import xarray as xr
 from fastcoil.base.arguments import checking, instance_of, names_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.base.figures import BLUE, COLOURS, DOTTED, FAINT, GREY, LINE_STYLES, RED, STYLE, YELLOW, wrapped
-from fastcoil.deliver.figures.drawing import caption, in_style, legend_above, places, say_if_empty, width_of
+from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, wrapped
+from fastcoil.deliver.figures.drawing import caption, in_style, legend_above, places, say_if_empty
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.labels import is_parameter, label_in_words, quantity, quantity_of
-from fastcoil.loops.scenarios import check_result
-from fastcoil.model.metric_table import SWITCH_BLOCK, TRACES
+from fastcoil.loops.labels import label_in_words, quantity
+from fastcoil.model.metric_table import TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -30,10 +28,33 @@ _HOUR = 3600.0
 
 
 class _Drawn(NamedTuple):
-    """One scenario of a result.  words: for the legend; empty if there is no other."""
+    """One scenario of a result with its colour and line style.  words: for the legend; empty if there is no other."""
 
     words: str
     ds: xr.Dataset
+    colour: str
+    style: str
+
+    def parameter(self, name: str) -> float:
+        """A parameter of this scenario."""
+        if name in self.ds.coords and self.ds[name].ndim == 0:
+            return float(self.ds[name])
+        try:
+            return float(json.loads(self.ds.attrs["parameters"])[name])
+        except (KeyError, TypeError, ValueError):
+            text = PARAMETERS[name].label
+            raise InputError(f"data does not say its {text}: give the whole Dataset of fastcoil.simulate") from None
+
+    @property
+    def times(self) -> Array:
+        """Where its points lie along the x axis: dates where they are known, else hours."""
+        if _is_dated(self.ds):
+            return self.ds["time"].values
+        return np.asarray(self.ds["elapsed_time"].values / _HOUR)
+
+
+def _is_dated(ds: xr.Dataset) -> bool:
+    return "time" in ds.coords and ds["time"].dims == ("elapsed_time",)
 
 
 def _traced(data: Any) -> xr.Dataset:
@@ -57,52 +78,23 @@ def _scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[_Drawn]:
         raise InputError(f"the traces have {sizes['volume']} volumes: select one, such as ds.sel(volume=1)")
     n = math.prod(sizes.values())
     if n > len(COLOURS):
-        example = next(d for d, size in sizes.items() if size > 1)
-        few = f"such as ds.isel({example}=[0, {sizes[example] - 1}])" if n == sizes[example] else "with isel or sel"
-        raise InputError(f"data has {n:,} scenarios: a figure over time shows up to {len(COLOURS)}, select some, {few}")
+        raise InputError(
+            f"data has {n:,} scenarios: a figure over time shows up to {len(COLOURS)}, select some with isel or sel"
+        )
     found = []
-    for index in np.ndindex(*sizes.values()):
+    for index, colour, style in zip(np.ndindex(*sizes.values()), COLOURS, LINE_STYLES, strict=False):
         place = dict(zip(sizes, index, strict=True))
-        words = ", ".join(_words(ds, d, k) for d, k in place.items() if sizes[d] > 1)
-        found.append(_Drawn(words, ds.isel(place)))
+        words = ", ".join(label_in_words(ds, d, k) for d, k in place.items() if sizes[d] > 1)
+        found.append(_Drawn(words, ds.isel(place), colour, style))
     return found
-
-
-def _words(ds: xr.Dataset, dim: str, k: int) -> str:
-    """One label of a dim; of a dim that only numbers scenarios, the parameters that go along with it."""
-    along = [str(n) for n in ds.coords if n != dim and ds[n].dims == (dim,) and is_parameter(ds, n)]
-    is_numbered = dim not in ds.coords or (ds[dim].dtype.kind in "iu" and dim not in ("day", "replicate"))
-    if not along or not is_numbered or is_parameter(ds, dim):
-        return label_in_words(ds, dim, k)
-    values = {n: ds[n].values[k] for n in along}
-    return ", ".join(v if isinstance(v, str) else quantity_of(ds, n).equals(float(v)) for n, v in values.items())
-
-
-def _parameter(one: xr.Dataset, name: str) -> float:
-    """A parameter of one scenario."""
-    if name in one.coords and one[name].ndim == 0:
-        return float(one[name])
-    try:
-        return float(json.loads(one.attrs["parameters"])[name])
-    except (KeyError, TypeError, ValueError):
-        text = PARAMETERS[name].label
-        raise InputError(f"data does not say its {text}: give the whole Dataset of fastcoil.simulate") from None
-
-
-def _times(one: xr.Dataset) -> tuple[Any, str]:
-    """Where the points of a trace lie along the x axis, and its label: dates where they are known, else hours."""
-    if "time" in one.coords and one["time"].dims == ("elapsed_time",):
-        zone = one["time"].attrs.get("time_zone", "")
-        return one["time"].values, f"date and time{f' ({zone})' if zone else ''}"
-    return one["elapsed_time"].values / _HOUR, "time from the start [h]"
 
 
 _TEMPERATURES = ("T_sup", "T_measured", "T_w_out", "T_w", "T_c", "T_a")
 _VALVE = ("command", "position", "opening", "u", "integral")
 _SHARED = {"temperature [°C]": _TEMPERATURES, "valve [%]": _VALVE}  # panels that several traces share
 _USUAL = ("T_sup", "command", "position", "opening", "estimate")
-_TALL, _LOW = 1.9, 1.3  # height of the first panel and of the others, inches
-_SET_POINT: Any = {"color": "black", "lw": 0.9, "ls": (0, (4, 2)), "drawstyle": "steps-post"}
+_TALL, _LOW = 1.9, 1.3  # height of the first panel over time and of the others, inches
+_HEIGHT_OF_ESTIMATE, _HEIGHT_OF_SWING = 2.4, 3.0
 _STEPPED = frozenset(("command", "u", "integral", "estimate", "mode"))
 """They hold between two samples of the controller."""
 
@@ -141,15 +133,14 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
     set_points = [] if boundary is None else _set_points(boundary, found)
     panels = _panels(names)
     drawn_into = places(ax, [_TALL, *[_LOW] * (len(panels) - 1)])
-    for axes, (label, of_panel) in zip(drawn_into, panels.items(), strict=True):
-        _draw(axes, found, of_panel, is_first=axes is drawn_into[0])
-        if of_panel[0] in _TEMPERATURES:
-            for i, (x, values) in enumerate(set_points):
-                axes.plot(x, values, label="_" if i else "set-point", **_SET_POINT)
+    for k, (axes, (label, of_panel)) in enumerate(zip(drawn_into, panels.items(), strict=True)):
+        _draw(axes, found, of_panel, is_first=k == 0)
+        for i, (x, values) in enumerate(set_points if of_panel[0] in _TEMPERATURES else []):
+            axes.step(x, values, where="post", color="black", lw=0.9, ls="--", label="_" if i else "set-point")
         axes.set_ylabel(wrapped(label, 1.2, 9))
         axes.margins(x=0.0)
-        legend_above(axes, width_of(axes, ax))
-    _label_times(drawn_into[-1], *_times(found[0].ds))
+        legend_above(axes)
+    _label_times(drawn_into[-1], ds)
     return drawn_into[0] if len(drawn_into) == 1 else np.array(drawn_into)
 
 
@@ -158,7 +149,7 @@ def _names(ds: xr.Dataset, show: Any) -> list[str]:
     there = [n for n in TRACES if n in ds and "elapsed_time" in ds[n].dims]
     if show is None:
         usual = [n for n in _USUAL if n in there and (n != "estimate" or bool((ds[n] > 0.0).any()))]
-        if any(size > 1 for dim, size in ds[there[0]].sizes.items() if dim != "elapsed_time"):
+        if ds[there[0]].size > ds.sizes["elapsed_time"]:  # several scenarios
             valve = [n for n in usual if n in _VALVE]
             usual = [n for n in usual if n not in valve[:-1]]
         return usual or there
@@ -184,20 +175,19 @@ def _panels(names: list[str]) -> dict[str, list[str]]:
 
 def _draw(axes: Axes, found: list[_Drawn], names: list[str], *, is_first: bool) -> None:
     """Scenarios differ in colour and traces in line style; of a single scenario, traces differ in colour."""
-    for i, one in enumerate(found):
-        x, _ = _times(one.ds)
+    for one in found:
         for k, name in enumerate(names):
             of = quantity(name)
-            look: Any = {"color": COLOURS[i], "ls": LINE_STYLES[k % 3]} if one.words else {"color": COLOURS[k % 3]}
+            look: Any = {"color": one.colour, "ls": LINE_STYLES[k % 3]} if one.words else {"color": COLOURS[k % 3]}
             words = [one.words, of.text if len(names) > 1 or not one.words else ""]
             label = ", ".join(filter(None, words)) if is_first or len(names) > 1 else "_"
             drawn = "steps-post" if name in _STEPPED else "default"
-            axes.plot(x, of.factor * one.ds[name], lw=1.0, drawstyle=drawn, label=label, **look)
+            axes.plot(one.times, of.factor * one.ds[name], lw=1.0, drawstyle=drawn, label=label, **look)
 
 
-def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Any, Array]]:
+def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Array, Array]]:
     """The set-point of each day that is drawn, over the same axis as the traces; days that are alike once."""
-    drawn: list[tuple[Any, Array]] = []
+    drawn: list[tuple[Array, Array]] = []
     for one in found:
         seconds = np.rint(one.ds["elapsed_time"].values).astype(np.int64)
         if seconds[-1] >= boundary.n_steps:
@@ -217,31 +207,28 @@ def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Any, Arra
             raise InputError(f"boundary has {day.n_days} days and the traces do not say of which they are: select one")
         values = day.of_day(0)["T_set"][seconds]
         if not any(np.array_equal(values, other) for _, other in drawn):
-            drawn.append((_times(one.ds)[0], values))
+            drawn.append((one.times, values))
     return drawn
 
 
-def _label_times(axes: Axes, at: Array, words: str) -> None:
+def _label_times(axes: Axes, ds: xr.Dataset) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    is_dated = at.dtype.kind == "M"
-    axes.set_xlabel(words, loc="left" if is_dated else "center")
-    if is_dated:
-        locator = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
-        axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-
-
-_HEIGHT = 2.4
+    if not _is_dated(ds):
+        axes.set_xlabel("time from the start [h]")
+        return
+    zone = ds["time"].attrs.get("time_zone", "")
+    axes.set_xlabel(f"date and time{f' ({zone})' if zone else ''}", loc="left")
+    locator = AutoDateLocator(maxticks=6)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
 
 
 @in_style()
 def learning(data: Any, *, ax: Any = None) -> Axes:
     """Draw the backlash estimate over time against the true backlash, up to three scenarios.
 
-    A dot is where the estimate reached the backlash, a square where the learner confirmed it by stepping down.  Of a
-    single scenario with the trace ``mode``, taken at every sample of the controller, grey bars are the switches of mode
-    in each 10 min: those of a good estimate are few, chatter says that it is too large.
+    A dot is where the estimate reached the backlash, a square where the learner confirmed it by stepping down.
 
     Parameters
     ----------
@@ -257,89 +244,48 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     """
     ds = _traced(data)
     if "estimate" not in ds:
-        raise InputError('data has no trace estimate: simulate with traces=["estimate", "mode"]')
+        raise InputError('data has no trace estimate: simulate with traces=["estimate"]')
     found = _scenarios_of(ds, ["estimate"])
-    gaps = [100.0 * _parameter(one.ds, "backlash") for one in found]
-    (axes,) = places(ax, [_HEIGHT])
-    if len(found) == 1 and "mode" in ds:
-        _draw_chatter(axes, found[0].ds)
-    for one, colour, style in zip(found, COLOURS, LINE_STYLES, strict=False):
+    gaps = [100.0 * one.parameter("backlash") for one in found]
+    (axes,) = places(ax, [_HEIGHT_OF_ESTIMATE])
+    for one in found:
         estimate = 100.0 * one.ds["estimate"]
         hours = estimate["elapsed_time"] / _HOUR
-        axes.plot(hours, estimate, drawstyle="steps-post", label=one.words or "estimate", color=colour, ls=style)
+        words = one.words or "estimate"
+        axes.plot(hours, estimate, drawstyle="steps-post", label=words, color=one.colour, ls=one.style)
         for name, mark in (("learn_time_reached", "o"), ("learn_time_confirmed", "s")):
             at = float(one.ds[name]) if name in one.ds and one.ds[name].ndim == 0 else math.nan
             if math.isfinite(at):
                 there = float(estimate.sel(elapsed_time=at, method="nearest"))
-                axes.plot(at / _HOUR, there, mark, color=colour, mec="black", mew=0.6, ms=5, ls="none")
-    if len({*gaps}) == 1:
-        axes.axhline(gaps[0], color="black", lw=0.9, ls=":", label="true backlash")
-    else:
-        for k, gap in enumerate(gaps):
-            axes.axhline(gap, color=COLOURS[k], lw=0.9, ls=":", label="_" if k else "true backlash of each")
+                axes.plot(at / _HOUR, there, mark, color=one.colour, mec="black", mew=0.6, ms=5, ls="none")
+    for k, gap in enumerate(dict.fromkeys(gaps)):
+        axes.axhline(gap, color="black", lw=0.9, ls=":", label="_" if k else "true backlash")
     axes.set(xlabel="time from the start [h]", ylabel=quantity("estimate").axis)
     axes.margins(x=0.0)
-    axes.set_ylim(0.0, 1.15 * max(*gaps, float(100.0 * ds["estimate"].max()), 0.1))
-    legend_above(axes, width_of(axes, ax))
+    axes.set_ylim(bottom=0.0)
+    legend_above(axes)
     return axes
 
 
-def _draw_chatter(axes: Axes, one: xr.Dataset) -> None:
-    """Switches of mode in each block of 10 min, behind the curves, on an axis of their own."""
-    seconds = one["elapsed_time"].values
-    interval = float(seconds[1] - seconds[0]) if seconds.size > 1 else math.inf
-    if interval > _parameter(one, "sample_time"):
-        return
-    counts, hours = switches(one["mode"].values, interval)
-    behind = axes.twinx()
-    behind.bar(hours, counts, width=SWITCH_BLOCK / _HOUR, align="edge", color=FAINT, lw=0)
-    behind.set(ylabel="mode switches per 10 min", ylim=(0.0, max(2.0 * float(counts.max(initial=0.0)), 1.0)))
-    behind.tick_params(labelsize=STYLE["font.size"])
-    behind.grid(visible=False)
-    behind.spines["right"].set_visible(True)
-    axes.set_zorder(behind.get_zorder() + 1)
-    axes.patch.set_visible(False)
-
-
-def switches(mode: Array, interval: float) -> tuple[Array, Array]:
-    """Switches of mode in each whole block of 10 min, and where the blocks start [h]."""
-    per_block = round(SWITCH_BLOCK / interval)
-    changed = np.diff(mode.astype(float), prepend=mode[0]) != 0.0
-    n = changed.size // per_block
-    counts = changed[: n * per_block].reshape(n, per_block).sum(axis=1).astype(float)
-    return counts, np.arange(n) * per_block * interval / _HOUR
-
-
-_HEIGHT_OF_SWING = 3.0
 _PERIODS = 4  # the last periods of a swing that are drawn
 _LAST = 3600.0  # seconds that are drawn of a loop without a period
 _PLANE = ("command", "opening")
 _PREDICTED = ("margin", "hunts", "period", "amplitude")
-_KINDS = (
-    ("predicted and seen", True, True, "o", BLUE),
-    ("seen, not predicted", False, True, "s", RED),
-    ("predicted, not seen", True, False, "^", YELLOW),
-    ("neither", False, False, "x", GREY),
-)
-"""What became of the loops in a scatter of swings: words, predicted, seen, mark, colour."""
 
 
 @in_style()
 def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = None) -> Axes:
-    """Draw how a loop swings, and a prediction of it.
+    """Draw how a loop swings, and a prediction of it: the opening over the command in the last swings.
 
-    Of up to three scenarios with the traces ``command`` and ``opening``: the opening over the command in the last
-    swings; the gap is the width of the parallelogram, between the dotted lines on which Eq (1) moves the stem.  The
-    heading compares the swing with the one predicted.
-
-    Of a sweep without these traces: the swing seen over the swing predicted of every scenario, peak to peak.
+    The gap is the width of the parallelogram, between the dotted lines on which Eq (1) moves the stem.  The heading
+    compares the swing with the one predicted.
 
     Parameters
     ----------
     data
-        Dataset of ``simulate``, ``run_study`` or ``open_study``.
+        Dataset of ``simulate`` with the traces ``command`` and ``opening``, up to three scenarios.
     predicted
-        What ``fc.limit_cycle(loop, boundary)`` gives for the same sweep.  A study with ``[run] predict`` has it itself.
+        What ``fc.limit_cycle(loop, boundary)`` gives for the same sweep.
     ax
         Axes to draw into; a new figure if left out.
 
@@ -348,53 +294,44 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     InputError
         With one sentence for each mistake.
     """
-    ds = instance_of("data", data, xr.Dataset, "give a Dataset of fastcoil.simulate or open_study")
+    ds = _traced(data)
+    if any(name not in ds for name in _PLANE):
+        raise InputError('data lacks the traces command and opening: simulate with traces=["command", "opening"]')
     if predicted is not None:
         cure = "give what fastcoil.limit_cycle(loop, boundary) returns"
         instance_of("predicted", predicted, xr.Dataset, cure)
         missing = [name for name in _PREDICTED if name not in predicted]
         if missing:
             raise InputError(f"predicted has no {', '.join(missing)}: {cure}")
-    elif "predicted_swing" in ds:
-        names = {name: ds[f"predicted_{name}"] for name in ("margin", "hunts", "period")}
-        predicted = xr.Dataset(names | {"amplitude": 0.5 * ds["predicted_swing"]})
-    if all(name in ds for name in _PLANE):
-        return _plane(_traced(ds), predicted, ax)
-    check_result(ds)
-    if predicted is None:
-        raise InputError(
-            'data has neither the traces command and opening nor a prediction: simulate with traces=["command", '
-            '"opening"], or give predicted=fc.limit_cycle(loop, boundary)'
-        )
-    return _swings(ds, predicted, ax)
-
-
-def _plane(ds: xr.Dataset, predicted: xr.Dataset | None, ax: Any) -> Axes:
     found = _scenarios_of(ds, _PLANE)
-    gaps = [_parameter(one.ds, "backlash") for one in found]
     lines = [": ".join(filter(None, [one.words, _compared(one.ds, predicted)])) for one in found]
     (axes,) = places(ax, [_HEIGHT_OF_SWING])
     axes.set(xlabel="command [%]", ylabel="opening [%]")
     if say_if_empty(axes, ds["opening"]):
         return axes
-    low, high = math.inf, -math.inf
-    for k, (one, gap) in enumerate(zip(found, gaps, strict=True)):
-        period = float(one.ds["hunting_period"]) if "hunting_period" in one.ds else math.nan
-        end = float(one.ds["elapsed_time"][-1])
-        last = one.ds.sel(elapsed_time=slice(end - (_PERIODS * period if math.isfinite(period) else _LAST), None))
-        command, opening = 100.0 * last["command"].values, 100.0 * last["opening"].values
-        axes.plot(command, opening, color=COLOURS[k], ls=LINE_STYLES[k], lw=1.2, label=one.words or "_only")
-        ends = np.array([command.min(), command.max()])
-        for shift in {0.0, 100.0 * gap}:
-            edge = np.clip((ends - shift) / (1.0 - gap), 0.0, 100.0)
-            axes.plot(ends, edge, color="black", lw=0.7, ls=DOTTED, zorder=1)
-        low, high = float(np.fmin.reduce(opening, initial=low)), float(np.fmax.reduce(opening, initial=high))
+    drawn = np.concatenate([_draw_swings(axes, one) for one in found])
+    low, high = float(np.nanmin(drawn)), float(np.nanmax(drawn))
     room = max(0.15 * (high - low), 0.5)
     axes.set_ylim(low - room, high + room)
     if found[0].words:
         axes.legend(loc="best", framealpha=0.8, edgecolor="none")
-    caption(axes, "\n".join([*lines, "dotted: the edges of the gap"]), width_of(axes, ax))
+    caption(axes, "\n".join([*lines, "dotted: the edges of the gap"]))
     return axes
+
+
+def _draw_swings(axes: Axes, one: _Drawn) -> Array:
+    """Draw the last swings of a scenario, and the edges of its gap; return the opening [%]."""
+    gap = one.parameter("backlash")
+    period = float(one.ds["hunting_period"]) if "hunting_period" in one.ds else math.nan
+    end = float(one.ds["elapsed_time"][-1])
+    last = one.ds.sel(elapsed_time=slice(end - (_PERIODS * period if math.isfinite(period) else _LAST), None))
+    command, opening = 100.0 * last["command"].values, 100.0 * last["opening"].values
+    axes.plot(command, opening, color=one.colour, ls=one.style, lw=1.2, label=one.words or "_only")
+    ends = np.array([command.min(), command.max()])
+    for shift in {0.0, 100.0 * gap}:
+        edge = np.clip((ends - shift) / (1.0 - gap), 0.0, 100.0)
+        axes.plot(ends, edge, color="black", lw=0.7, ls=DOTTED, zorder=1)
+    return opening
 
 
 def _compared(one: xr.Dataset, predicted: xr.Dataset | None) -> str:
@@ -404,12 +341,10 @@ def _compared(one: xr.Dataset, predicted: xr.Dataset | None) -> str:
         words.append(f"simulated {_swing(float(one['hunting_swing']), float(one['hunting_period']))}")
     if predicted is not None:
         place = {d: one[d].item() for d in predicted["margin"].dims if d in one.coords and one[d].ndim == 0}
-        with suppress(KeyError, ValueError):
-            predicted = predicted.sel(place)
-        if predicted["margin"].ndim:
+        if len(place) < predicted["margin"].ndim or any(label not in predicted[d] for d, label in place.items()):
             dims = ", ".join(str(dim) for dim in predicted["margin"].dims)
             raise InputError(f"predicted has other labels along {dims} than data: give that of the same sweep")
-        margin, hunts, period, amplitude = (float(predicted[name]) for name in _PREDICTED)
+        margin, hunts, period, amplitude = (float(predicted[name].sel(place)) for name in _PREDICTED)
         swing = _swing(2.0 * amplitude, period) if hunts > 0.0 else "no swing"
         words.append(f"predicted {swing} (margin {margin:.2g})")
     return ", ".join(words)
@@ -417,27 +352,3 @@ def _compared(one: xr.Dataset, predicted: xr.Dataset | None) -> str:
 
 def _swing(peak_to_peak: float, period: float) -> str:
     return f"{peak_to_peak:.2g} K" + (f" every {period:.0f} s" if math.isfinite(period) else "")
-
-
-def _swings(ds: xr.Dataset, predicted: xr.Dataset, ax: Any) -> Axes:
-    """The simulated over the predicted swing of every scenario."""
-    seen, swing, hunts, does = xr.broadcast(
-        ds["hunting_swing"], 2.0 * predicted["amplitude"], predicted["hunts"], ds["hunts"]
-    )
-    dims = [d for d in predicted["hunts"].dims if d in ds.indexes and d in predicted.indexes]
-    alike = all(set(ds.indexes[d]) == set(predicted.indexes[d]) for d in dims)
-    if not alike or seen.sizes != ds["hunting_swing"].sizes:
-        raise InputError("predicted has other dims or labels than data: give that of the same sweep")
-    known = np.isfinite(seen.values) & np.isfinite(hunts.values)
-    y, x = seen.values[known], np.nan_to_num(swing.values[known])
-    (axes,) = places(ax, [_HEIGHT_OF_SWING])
-    for words, is_predicted, is_seen, mark, colour in _KINDS:
-        of_kind = ((hunts.values[known] > 0.0) == is_predicted) & ((does.values[known] > 0.0) == is_seen)
-        label = f"{words}: {int(of_kind.sum()):,}"
-        axes.plot(x[of_kind], y[of_kind], mark, color=colour, ms=3.5, mew=0.8, mfc="none", ls="none", label=label)
-    top = 1.05 * max(float(x.max(initial=0.1)), float(y.max(initial=0.1)))
-    axes.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8, ls=DOTTED)
-    axes.set(xlabel="predicted swing, peak to peak [K]", ylabel="simulated swing,\npeak to peak [K]",
-             xlim=(-0.02 * top, top), ylim=(-0.02 * top, top))  # fmt: skip
-    legend_above(axes, width_of(axes, ax), title="hunting", title_fontsize=8, alignment="left")
-    return axes

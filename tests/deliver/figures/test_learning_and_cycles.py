@@ -5,7 +5,6 @@ import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 
 import fastcoil as fc
-from fastcoil.deliver.figures.traces import switches
 
 pytestmark = pytest.mark.kernel
 
@@ -13,7 +12,7 @@ pytestmark = pytest.mark.kernel
 @pytest.fixture(scope="module")
 def learned():
     loop = fc.Loop(learning_step=[0.0117, 0.02])
-    return fc.simulate(loop, fc.paper_day(), traces=["estimate", "mode"], trace_interval=30, n_jobs=1)
+    return fc.simulate(loop, fc.paper_day(), traces=["estimate"], trace_interval=30, n_jobs=1)
 
 
 @pytest.fixture(scope="module")
@@ -39,20 +38,6 @@ def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learned
     assert confirmed.get_xdata()[0] == float(one.learn_time_confirmed) / 3600
     assert reached.get_ydata()[0] == pytest.approx(6.99, abs=0.6)
     assert axes.get_ylabel() == "backlash estimate [%]"
-
-
-def test_chatter_is_counted_in_blocks_of_ten_minutes_as_the_metric_does(learned):
-    one = learned.isel(learning_step=0)
-    axes = fc.plot.learning(one)
-    behind = next(other for other in axes.figure.axes if other is not axes)
-    heights = [bar.get_height() for bar in behind.patches]
-    assert np.mean(heights[3:]) == pytest.approx(float(one.switch_frequency))
-    assert behind.get_ylabel() == "mode switches per 10 min"
-    counts, hours = switches(np.array([1, 1, -1, 1] * 30), 10.0)
-    assert counts.tolist() == [30, 30]
-    assert hours.tolist() == [0.0, 1 / 6]
-    missing = fc.plot.learning(one.isel(elapsed_time=slice(None, None, 2)))  # samples of the controller
-    assert len(missing.figure.axes) == 1
 
 
 def test_several_learners_share_the_line_of_one_gap(learned):
@@ -93,31 +78,6 @@ def test_each_of_several_loops_is_compared_with_what_was_predicted_of_it(swingin
     assert_palette(axes.figure)
 
 
-def test_a_sweep_without_traces_has_a_mark_for_every_loop_by_what_became_of_it(day):
-    loop = fc.Loop(kp=("valve", [0.01, 0.03, 0.05, 0.05]), backlash=("valve", [0.0, 0.07, 0.1, 0.0]))
-    ds, predicted = fc.simulate(loop, day, n_jobs=1), fc.limit_cycle(loop, day)
-    axes = fc.plot.limit_cycle(ds, predicted)
-    found = {text.get_text() for text in axes.get_legend().get_texts()}
-    both = int(((ds.hunts > 0) & (predicted.hunts > 0)).sum())
-    assert f"predicted and seen: {both}" in found
-    assert both
-    marks = [line for line in axes.lines if line.get_linestyle() == "None"]
-    drawn = np.concatenate([[line.get_xdata(), line.get_ydata()] for line in marks], axis=1)
-    expected = [2 * predicted.amplitude.fillna(0.0).values, ds.hunting_swing.values]
-    np.testing.assert_allclose(np.sort(drawn, axis=1), np.sort(expected, axis=1))
-    assert_texts_fit(axes.figure)
-    assert_palette(axes.figure)
-    reordered = fc.plot.limit_cycle(ds, predicted.isel({d: slice(None, None, -1) for d in predicted.margin.dims}))
-    assert {text.get_text() for text in reordered.get_legend().get_texts()} == found
-    dim = predicted.margin.dims[0]
-    with pytest.raises(fc.InputError, match="predicted has other dims or labels than data"):
-        fc.plot.limit_cycle(ds, predicted.isel({dim: slice(1, None)}))
-    study = ds.assign({f"predicted_{name}": predicted[name] for name in ("margin", "hunts", "period")})
-    study["predicted_swing"] = 2 * predicted.amplitude
-    again = fc.plot.limit_cycle(study)
-    assert {text.get_text() for text in again.get_legend().get_texts()} == found
-
-
 def test_a_loop_that_failed_has_no_plane(swinging):
     ds, _ = swinging
     axes = fc.plot.limit_cycle(ds * np.nan)
@@ -132,7 +92,7 @@ def test_a_loop_that_failed_has_no_plane(swinging):
         (lambda ds, p: fc.plot.limit_cycle(ds.isel(elapsed_time=[])), "data has no point along elapsed_time"),
         (
             lambda ds, p: fc.plot.limit_cycle(ds.drop_vars("command")),
-            "data has neither the traces command and ",
+            "data lacks the traces command and opening: simulate with ",
         ),
         (lambda ds, p: fc.plot.limit_cycle(ds, ds), "predicted has no margin, period, amplitude: give what "),
         (

@@ -1,140 +1,251 @@
-"""Figures: what they show, and that odd studies get a figure or none, never a crash."""
+"""Figures of a study: what they show, at any width, with plain PI and inverse apart; odd studies never crash them."""
 
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
+from helpers.results import drawn, result
+from helpers.rules import by_error
 
-import fastcoil as fc
-from fastcoil.base.figures import GREY, write
+from fastcoil.base.errors import InputError
 from fastcoil.deliver.figures import study as plots
+from fastcoil.deliver.figures.study import control_dims
+from fastcoil.loops.scenarios import coordinate_attrs
+from fastcoil.study.analysis.paired import relative_to
+from fastcoil.study.analysis.selected import binned
 
-pytestmark = pytest.mark.kernel
+SHAPE = (2, 3, 4, 6)
+LONG = "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
 
 
 @pytest.fixture(scope="module")
 def swept():
-    loop = fc.Loop().assign(
-        backlash=[0.02, 0.05, 0.08], estimate_ratio=[0.0, 0.5, 1.0, 1.5], kp=("tuning", [0.02, 0.03])
-    )
-    return fc.simulate(loop, fc.paper_day(hours=1))
+    """Named tunings, backlashes and estimates on six days."""
+    rng = np.random.default_rng(1)
+    metrics = {name: rng.random(SHAPE) for name in (*plots.STANDARD_METRICS, "water_volume")}
+    coords = {"tuning": ["slow", "fast"], "backlash": [0.02, 0.05, 0.08], "estimate_ratio": [0.0, 0.5, 1.0, 1.5]}
+    dims = ("tuning", "backlash", "estimate_ratio", "day")
+    return result(dims, coords, {"title": "A question"}, **metrics)
 
 
-def test_curves_by_a_second_parameter_have_a_row_each_with_its_median(swept):
+def curves(axes):
+    """The lines of a panel, without that at 0."""
+    return axes.lines[1:]
+
+
+def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(swept):
     figure = plots.bands(swept, "estimate_ratio", by="backlash", metrics=["rmse"])
-    shown = [[line for line in axes.lines if line.get_label().startswith("backlash")] for axes in figure.axes]
-    assert [line.get_label() for (line,) in shown] == ["backlash = 2 %", "backlash = 5 %", "backlash = 8 %"]
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [line.get_label() for (line,) in shown]
-    for (line,), backlash in zip(shown, swept.backlash.values, strict=True):
+    assert [axes.get_title(loc="left") for axes in figure.axes] == [
+        "backlash = 2 %",
+        "backlash = 5 %",
+        "backlash = 8 %",
+    ]
+    for axes, backlash in zip(figure.axes, swept.backlash.values, strict=True):
+        (line,) = curves(axes)
         np.testing.assert_array_equal(line.get_xdata(), [0, 50, 100, 150])
-        np.testing.assert_allclose(line.get_ydata(), swept.rmse.sel(backlash=backlash).median("tuning"))
-    for axes in figure.axes:
+        np.testing.assert_allclose(line.get_ydata(), swept.rmse.sel(backlash=backlash).median(["tuning", "day"]))
         low, high = axes.get_ylim()
-        assert low == 0.0
-        assert all(np.max(line.get_ydata()) < high for line in axes.lines if len(line.get_xdata()) == 4)
-    others = [line for line in figure.axes[0].lines if line.get_color() == GREY]
-    np.testing.assert_allclose(others[1].get_ydata(), swept.rmse.sel(backlash=0.08).median("tuning"))
+        assert (low, high) == figure.axes[0].get_ylim()
+        assert low == 0.0 < np.max(line.get_ydata()) < high
 
 
 def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept):
-    (axes,) = plots.bands(swept, "backlash", metrics=["rmse"]).axes
-    low, high = (swept.rmse.quantile(q, ["estimate_ratio", "tuning"]) for q in (0.1, 0.9))
+    ds = swept.isel(day=0)
+    (axes,) = plots.bands(ds, "backlash", metrics=["rmse"]).axes
+    low, high = (ds.rmse.quantile(q, ["estimate_ratio", "tuning"]) for q in (0.1, 0.9))
     (band,) = axes.collections
     edges = band.get_paths()[0].vertices
-    assert edges[:, 1].min() == pytest.approx(float(low.min()))
-    assert edges[:, 1].max() == pytest.approx(float(high.max()))
-    assert len(axes.lines) == 1
-    (axes,) = plots.bands(swept.isel(estimate_ratio=0), "backlash", metrics=["rmse"]).axes
+    assert (edges[:, 1].min(), edges[:, 1].max()) == pytest.approx((float(low.min()), float(high.max())))
+    assert len(curves(axes)) == 1
+    ds = ds.isel(estimate_ratio=0)
+    (axes,) = plots.bands(ds, "backlash", metrics=["rmse"]).axes
     assert not axes.collections
-    *members, median = axes.lines
-    for member, tuning in zip(members, (0, 1), strict=True):
-        np.testing.assert_array_equal(member.get_ydata(), swept.rmse.isel(estimate_ratio=0, tuning=tuning))
-    np.testing.assert_allclose(median.get_ydata(), swept.rmse.isel(estimate_ratio=0).median("tuning"))
-    (axes,) = plots.bands(swept.isel(estimate_ratio=0, tuning=0), "backlash", metrics=["rmse"]).axes
-    assert len(axes.lines) == 1
+    drawn_one_by_one = [line.get_ydata() for line in curves(axes)]
+    np.testing.assert_allclose(drawn_one_by_one, [*ds.rmse, ds.rmse.median("tuning")])
 
 
 def test_alternatives_show_the_median_and_the_range_or_each_of_a_few(swept):
-    named = swept.assign_coords(tuning=["slow", "fast"])
-    (axes,) = plots.alternatives(named, "tuning", ["rmse"]).axes
+    (axes,) = plots.alternatives(swept, "tuning", ["rmse"]).axes
+    over = ["backlash", "estimate_ratio", "day"]
     (ranges,) = axes.collections
-    low, high = (named.rmse.quantile(q, ["backlash", "estimate_ratio"]) for q in (0.1, 0.9))
+    low, high = (swept.rmse.quantile(q, over) for q in (0.1, 0.9))
     np.testing.assert_allclose([segment[:, 0] for segment in ranges.get_segments()], np.transpose([low, high]))
-    np.testing.assert_allclose(axes.lines[-1].get_xdata(), named.rmse.median(["backlash", "estimate_ratio"]))
+    np.testing.assert_allclose(axes.lines[-1].get_xdata(), swept.rmse.median(over))
     assert [label.get_text() for label in axes.get_yticklabels()] == ["slow", "fast"]
-    (axes,) = plots.alternatives(named.isel(backlash=[0, 1], estimate_ratio=0), "tuning", ["rmse"]).axes
+    few = swept.isel(backlash=[0, 1], estimate_ratio=0, day=0)
+    (axes,) = plots.alternatives(few, "tuning", ["rmse"]).axes
     assert not axes.collections
-    members = [line.get_xdata() for line in axes.lines[:-1]]
-    np.testing.assert_array_equal(members, named.rmse.isel(backlash=[0, 1], estimate_ratio=0))
+    np.testing.assert_array_equal([line.get_xdata() for line in curves(axes)[:-1]], few.rmse.T)
 
 
 @pytest.mark.parametrize(
     ("draw", "words"),
     [
-        (lambda ds: plots.maps(ds, "estimate_ratio", "backlash"), "Colour: median of 2 tunings; dotted: estimate ="),
+        (lambda ds: plots.maps(ds, "estimate_ratio", "backlash"), "Colour: median of 2 tunings × 6 days"),
         (
             lambda ds: plots.bands(ds, "backlash"),
-            "Line: median of 4 values of estimate / backlash (0 to 150 %, 0 being the plain PI) × 2 tunings = "
-            "8 scenarios; band: 10th to 90th percentile",
+            "Line: median of 2 tunings × 4 values of estimate_ratio × 6 days; band: 10th to 90th percentile",
         ),
         (
-            lambda ds: plots.bands(ds, "estimate_ratio", by="backlash"),
-            "Line: median of 2 tunings; thin lines: each of these; grey: medians of the other rows; dotted: estimate =",
+            lambda ds: plots.bands(ds.isel(day=0), "estimate_ratio", by="backlash"),
+            "Line: median of 2 tunings; thin lines: each of these",
         ),
         (
-            lambda ds: plots.alternatives(ds.isel(backlash=0), "tuning"),
-            "Dot: median of 4 values of estimate / backlash (0 to 150 %, 0 being the plain PI); small dots: each",
+            lambda ds: plots.alternatives(ds.isel(backlash=0, day=0), "tuning"),
+            "Dot: median of 4 values of estimate_ratio; small dots: each of these",
         ),
-        (lambda ds: plots.bands(ds.isel(tuning=0), "estimate_ratio", by="backlash"), "Line: a single scenario; grey:"),
+        (lambda ds: plots.bands(ds.isel(tuning=0, day=0), "estimate_ratio", by="backlash"), "Line: a single scenario"),
     ],
 )
 def test_the_heading_says_what_is_pooled_and_what_the_marks_are(swept, draw, words):
-    named = swept.assign_coords(tuning=["slow", "fast"]).assign_attrs(title="A question")
-    title, *heading = draw(named).get_suptitle().splitlines()
+    title, *heading = draw(swept).get_suptitle().splitlines()
     assert title == "A question"
-    assert " ".join(heading).startswith(words)
+    assert " ".join(heading) == words
 
 
-LONG = "A title that somebody made as long as a question of research may be, with all its conditions and exceptions. "
-
-
-def test_no_text_leaves_its_figure_or_hides_another(swept):
-    metrics = ["learn_time_reached", "rmse", "coil_energy", "water_volume"]
-    long = swept.assign_attrs(title=2 * LONG).assign_coords(tuning=["slow", "fast"])
-    for figure in (
-        plots.maps(long, "estimate_ratio", "backlash", metrics),
-        plots.bands(long, "estimate_ratio", "backlash", metrics),
-        plots.bands(long, "backlash", None, metrics),
-        plots.alternatives(long, "tuning", metrics),
-    ):
+@pytest.mark.parametrize(("millimetres", "relative"), [(84, True), (174, False), (None, False)])
+def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(
+    swept, millimetres, relative
+):
+    ds = relative_to(swept, {"estimate_ratio": 0}, "estimate / backlash = 0 %") if relative else swept
+    inches = None if millimetres is None else millimetres / 25.4
+    for draw in plots.standard_figures(ds.assign_attrs(title=2 * LONG), inches).values():
+        figure = draw()
+        assert inches is None or figure.get_figwidth() == inches
         assert_texts_fit(figure)
         assert_palette(figure)
 
 
+def test_a_narrow_figure_has_its_panels_one_above_the_other(swept):
+    figure = plots.maps(swept, "estimate_ratio", "backlash", width=84 / 25.4)
+    panels = [axes for axes in figure.axes if axes.get_xlabel()]
+    assert len({axes.get_subplotspec().colspan.start for axes in panels}) == 1
+    with pytest.raises(InputError, match="a figure of 84 mm takes no 3 panels abreast: give fewer metrics, or more"):
+        plots.bands(swept, "estimate_ratio", by="backlash", width=84 / 25.4)
+
+
 @pytest.mark.parametrize(
-    ("loop", "names"),
+    ("sizes", "names"),
     [
-        (fc.Loop(), set()),
-        (fc.Loop(backlash=[0.07]), set()),
-        (fc.Loop(kp=[0.02, 0.03]), {"bands"}),
-        (fc.Loop(kp=[0.02, 0.03], ti=[8, 30]), {"maps", "bands"}),
-        (fc.Loop(air_march=["lagged", "quasistatic"]), {"air_march"}),
+        ({}, set()),
+        ({"backlash": 1}, set()),
+        ({"kp": 2}, {"bands"}),
+        ({"kp": 2, "ti": 2}, {"maps", "bands"}),
+        ({"tuning": 100}, {"tuning"}),
+        ({"tuning": 101}, set()),  # more names than a figure takes
     ],
 )
-def test_a_study_gets_the_figures_that_suit_its_dims(loop, names):
-    assert set(plots.standard_figures(fc.simulate(loop, fc.paper_day(hours=0.6)))) == names
+def test_a_study_gets_the_figures_that_suit_its_dims(sizes, names):
+    coords = {name: 1.0 + np.arange(n) for name, n in sizes.items()}
+    if "tuning" in coords:
+        coords["tuning"] = coords["tuning"].astype(str)
+    assert set(plots.standard_figures(result(tuple(sizes), coords, rmse=np.ones(tuple(sizes.values()))))) == names
 
 
-def test_more_alternatives_than_a_figure_can_name_get_none(swept):
-    for n, names in ((100, {"tuning"}), (101, set())):
-        many = swept.isel(backlash=0, estimate_ratio=0, tuning=np.zeros(n, dtype=int))
-        assert set(plots.standard_figures(many.assign_coords(tuning=[f"tuning {k}" for k in range(n)]))) == names
+def test_a_study_in_which_all_failed_still_gets_its_figures(swept):
+    for draw in plots.standard_figures(swept * np.nan).values():
+        assert "no finite value" in [text.get_text() for text in draw().axes[0].texts]
 
 
-def test_a_study_in_which_all_failed_still_gets_its_figures(swept, tmp_path):
-    failed = (swept * np.nan).assign_coords(tuning=["slow", "fast"])
-    figures = {name: draw() for name, draw in plots.standard_figures(failed).items()}
-    figures["curves"] = plots.bands(failed, "backlash")
-    for figure in figures.values():
-        assert "no finite value" in [text.get_text() for text in figure.axes[0].texts]
-    write(figures, tmp_path)
-    assert (tmp_path / "maps.png").exists()
+@pytest.mark.parametrize(
+    ("dim", "values", "is_control"),
+    [
+        ("estimate_ratio", {"estimate_ratio": [0.0, 1.0]}, True),
+        ("estimate_ratio", {"estimate_ratio": [0.5, 1.0]}, False),
+        ("remedy", {"backlash_estimate": [0.0, 0.0], "learning_step": [0, 0.01]}, True),
+        ("remedy", {"estimator": ["none", "hagglund"]}, True),
+        ("remedy", {"ti": [8.0, 30.0]}, False),
+        ("controller", {}, True),
+        ("sample", {"estimate_ratio": [0.0, 1.0]}, False),
+    ],
+)
+def test_a_plain_pi_among_others_is_seen_by_what_differs(dim, values, is_control):
+    coords = {name: (dim, of) for name, of in values.items()}
+    assert control_dims(result((dim, "kp"), coords, rmse=np.ones((2, 2)))) == [dim] * is_control
+
+
+def test_the_standard_figures_never_pool_a_plain_pi_with_others(swept):
+    for draw in plots.standard_figures(swept.rename(day="kp")).values():
+        assert "estimate_ratio" not in draw().get_suptitle()
+    tuning = plots.standard_figures(swept)["tuning"]()
+    titles = [" ".join(axes.get_title(loc="left").split()) for axes in tuning.axes]
+    assert titles[::3] == [
+        "estimate / backlash = 0 %, plain PI",
+        "estimate / backlash = 50 %",
+        "estimate / backlash = 100 %",
+        "estimate / backlash = 150 %",
+    ]
+    dots = tuning.axes[0].lines[-1].get_xdata()
+    np.testing.assert_allclose(dots, swept.rmse.sel(estimate_ratio=0.0).median(["backlash", "day"]))
+
+
+def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
+    rng = np.random.default_rng(2)
+    ds = result(("controller", "kp", "ti", "day"), {"controller": ["pi", "inverse"]}, rmse=rng.random((2, 3, 3, 5)))
+    ds["rmse"] = ds.rmse * ds.rmse.controller.copy(data=[1.0, 3.0])
+    figures = plots.standard_figures(ds)
+    meshes = [axes.collections[0] for axes in figures["maps"]().axes if axes.get_title(loc="left")]
+    assert len(meshes) == 2
+    medians = ds.rmse.median("day")
+    assert meshes[0].get_clim() == meshes[1].get_clim() == (float(medians.min()), float(medians.max()))
+    bands = figures["bands"]()
+    assert [axes.get_title(loc="left") for axes in bands.axes] == ["pi", "inverse"]
+    np.testing.assert_allclose(bands.axes[1].lines[-1].get_ydata(), ds.rmse[1].median(["kp", "day"]))
+
+
+def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
+    ds = drawn(80)
+    figure = plots.bands(binned(ds, ["kp"]), "kp", metrics=["rmse"])
+    (axes,) = figure.axes
+    groups = np.array_split(np.argsort(ds.kp.values), 8)
+    np.testing.assert_allclose(axes.lines[-1].get_ydata(), [np.median(ds.rmse.values[:, g]) for g in groups])
+    edges = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert edges.min() == pytest.approx(min(np.quantile(ds.rmse.values[:, g], 0.1) for g in groups))
+    heading = " ".join(figure.get_suptitle().split())
+    assert heading == (
+        "Line: median of 2 days × 10 samples in each of 8 groups of proportional gain Kp; band: 10th to 90th percentile"
+    )
+
+
+def test_empty_places_of_groups_count_neither_as_failed_nor_as_scenarios():
+    ds = drawn(101)
+    ds.status[0, 3] = 1
+    heading = " ".join(plots.maps(binned(ds, ["kp", "ti"]), "kp", "ti", ["rmse"]).get_suptitle().split())
+    assert heading.endswith("; without 1 of 202 scenarios, which failed")
+
+
+def test_changes_are_in_per_cent_around_a_line_at_0(swept):
+    against = relative_to(swept, {"estimate_ratio": 0}, "the plain PI")
+    (axes,) = plots.bands(against, "backlash", metrics=["switch_frequency"]).axes
+    assert axes.get_ylabel() == "change of mode switches per\n10 min [%]"
+    zero, median = axes.lines
+    assert list(zero.get_ydata()) == [0.0, 0.0]
+    expected = 100 * against.switch_frequency.median(["tuning", "estimate_ratio", "day"])
+    np.testing.assert_allclose(median.get_ydata(), expected)
+
+
+@pytest.mark.parametrize(
+    ("by", "words"),
+    [("tunin", "by = 'tunin' is no dimension of this result, did you mean 'tuning'"), ("backlash", "is named twice")],
+)
+def test_rows_that_there_cannot_be_are_refused(swept, by, words):
+    with pytest.raises(InputError, match=words):
+        plots.bands(swept, "backlash", by=by)
+
+
+def test_of_many_controllers_the_first_the_middle_and_the_last_have_rows():
+    names = [f"rule {k}" for k in range(9)]
+    ds = result(("controller", "kp", "day"), {"controller": names}, rmse=np.random.default_rng(3).random((9, 3, 5)))
+    figure = plots.standard_figures(ds)["bands"]()
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["rule 0", "rule 4", "rule 8"]
+    assert "shown are 3 of 9 values of controller" in figure.get_suptitle().replace("\n", " ")
+
+
+def test_a_parameter_of_a_rule_has_its_unit_and_what_it_is_and_a_numbered_dim_is_no_axis(swept):
+    gains = swept.rename(backlash="gain", estimate_ratio="seconds").assign_coords(gain=[1e-4, 3e-4, 1e-3])
+    gains["gain"].attrs = coordinate_attrs("gain", by_error.own)
+    gains["seconds"].attrs = {"long_name": "seconds"}
+    figure = plots.bands(gains, "gain", metrics=["rmse"])
+    assert figure.axes[0].get_xlabel() == "gain [K-1 s-1]: how fast it moves"
+    assert_texts_fit(figure)
+    with pytest.raises(InputError, match="'seconds' is not a swept number"):
+        plots.bands(gains, "seconds")

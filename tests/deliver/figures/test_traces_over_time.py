@@ -97,8 +97,8 @@ draw = fc.plot.traces
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (draw, "data has 4 scenarios: a figure over time shows up to 3, select some, such as "
-         "ds.isel(backlash=[0, 3])"),
+        (draw, "data has 4 scenarios: a figure over time shows up to 3, select some with "
+         "isel or sel"),
         (lambda ds: draw(ds.drop_vars(SEEN)), 'data has no traces: simulate with traces=["T_sup", "command"], '
          "or give a result that has"),
         (lambda ds: draw(ds.rmse), "data is 'rmse', which is no trace along elapsed_time: give a Dataset of "
