@@ -77,8 +77,6 @@ class Translator(Formulas):
         taken = {each.casefold() for each in names}
         wanted = {n: f"{n}_kept" if n.casefold() in taken else n for n in self.Memory._fields}
         self.fields = {n: "s." + self._named(name, "field") for n, name in wanted.items()}
-        self.changing: set[str] = set()
-        """Fields of the memory that do not keep their first value."""
 
     def port(self) -> Port:
         """The laws of the rule."""
@@ -95,22 +93,18 @@ class Translator(Formulas):
         """Largest value of each counter."""
         parameters = Record(self.Parameters, {n: self._parameter(n, float(x)) for n, x in self.numbers.items()})
         first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
-        self.first: dict[str, Number] = {}
-        """Of the fields of the state."""
         if self.start is not None:
             self.path = ("start",)
             first = self._inlined(self.start, [parameters], lambda found: found.fields)
         memory: dict[str, Any] = {}
         for n, name in self.fields.items():
-            value = self.first[name] = self._real(first[n])
-            if value.is_nothing and name in self.changing:
-                self.nothing.add(name)
-            kept = name not in self.changing and value.value is not None
-            memory[n] = value if kept else self._variable(name)
+            value = self._real(first[n])
             if value.is_nothing:
+                self.nothing.add(name)
                 self.out += [assigned(name, ast.Constant(0.0)), assigned(f"{name}_known", ast.Constant(False))]
             else:
                 self._store(name, value)
+            memory[n] = self._variable(name)
         begins = self._afresh()
         given = [self._sample(), parameters, Record(self.Memory, memory), *([Table()] if self.words else [])]
         self._inlined(self.step, given, self._commit)
@@ -134,44 +128,26 @@ class Translator(Formulas):
     # what a step leaves
 
     def _commit(self, found: Any) -> Any:
-        """Store what the rule returns; a field is stored after all that reads its value of before."""
+        """Store what the rule returns; what reads a value of before is kept aside until all are found."""
         parts: list[Any] = [*found.fields.values()] if isinstance(found, Record) else []
         if len(parts) != 2 or not isinstance(parts[1], Record):
             raise self._refusal("it returns something else than a number and its memory", "return a number, Memory(…)")
-        values = {self.goal: parts[0]} | {self.fields[n]: one for n, one in parts[1].fields.items()}
-        blocks = {}
-        for target, value in values.items():
-            with self._aside() as blocks[target]:
-                self._leave(target, value)
-        blocks = {target: block for target, block in blocks.items() if block}
-        if not blocks.keys() <= {*self.changing, self.goal}:
-            self.changing |= blocks.keys()
-            raise AgainError
-        last: list[ast.stmt] = []
-        for target in list(blocks):
-            block = blocks.pop(target)
-            if any({target, f"{target}_known"} & read_in(other) for other in blocks.values()):
+        numbers = {self.fields[n]: self._number(one) for n, one in parts[1].fields.items()}
+        numbers[self.goal] = self._real(parts[0])
+        changed = {target: number for target, number in numbers.items() if ast.unparse(number.text) != target}
+        fields = {*changed, *(f"{target}_known" for target in changed)}
+        for target, number in changed.items():
+            if (read_in(number.text) | number.needs) & fields - {target}:
                 name = self._local(f"next_{target[2:]}", "next")
-                self._store(name, values[target])
-                with self._aside() as block:
-                    self._leave(target, self._variable(name))
-                last += block
-            else:
-                self.out += block
-        self.out += last
+                self._store(name, number)
+                changed[target] = self._variable(name)
+        goal = changed.pop(self.goal, None)
+        for target, number in changed.items():
+            self._store(target, number)
+        if goal is not None and not goal.is_nothing:  # an estimate that is NaN is none
+            needs, store = self._needs(goal), assigned(self.goal, call_of("clipped", goal.text))
+            self.out.append(ast.If(joined(ast.And(), needs), [store], []) if needs else store)
         return _RETURNED
-
-    def _leave(self, target: str, value: Any) -> None:
-        """Store a part of what a step leaves; an estimate that is NaN is none."""
-        if target == self.goal:
-            number = self._real(value)
-            needs, store = self._needs(number), assigned(target, call_of("clipped", number.text))
-            if ast.unparse(number.text) != target and not number.is_nothing:
-                self.out.append(ast.If(joined(ast.And(), needs), [store], []) if needs else store)
-        else:
-            number, first = self._number(value), self.first[target].value
-            if target in self.changing or first is None or repr(number.value) != repr(first):
-                self._store(target, number)
 
     # statements
 

@@ -176,7 +176,7 @@ BREAKS = [
     ("variants", "chatter {or} ", "chatter {or} {false} {and} "),
     ("variants", "ESTIMATE_SHARE * {s}estimate", "{s}estimate"),
     ("hagglund", "KP * PLANT_GAIN * {s}duration - TI", "KP * PLANT_GAIN * {s}duration"),
-    ("hagglund", "value_6 {eq} value_5", "value_6 {eq} value_3"),
+    ("hagglund", "low < high", "low > high"),
     ("gradient", "/ (1.0 + zeta * zeta)", "/ 1.0"),
     ("gradient", "e_3 {eq} e_2 + GRADIENT_DEAD_ZONE", "e_3 {eq} e_2"),
     ("gradient", "{s}clock + GRADIENT_PAUSE", "{s}clock"),
