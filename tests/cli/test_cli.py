@@ -96,7 +96,7 @@ def test_a_label_with_commas_is_a_scenario_to_run_again(fastcoil, tmp_path):
         assert "Equal to the study's result to the last bit." in again.output
     wrong = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,new=,backlash=0.07")
     assert wrong.exit_code == 2
-    assert "--at new: no dimension of the study" in wrong.output
+    assert "--at new: no label of this study" in wrong.output
     twice = fastcoil("rerun", "results/cases", "--at", "tuning=slow, old,backlash=0.07,backlash=0.02")
     assert twice.exit_code == 2
     assert "--at: 'backlash' is given twice: give it once" in twice.output
