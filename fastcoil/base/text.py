@@ -13,11 +13,7 @@ def printable(text: str) -> str:
     r"""Escape control characters in untrusted text, as Python does: ``\x1b``, ``\u202e``."""
     if text.isprintable():
         return text
-    return "".join(_escaped(c) if unicodedata.category(c) in _UNSAFE else c for c in text)
-
-
-def _escaped(character: str) -> str:
-    return character.encode("unicode_escape").decode("ascii")
+    return "".join(c.encode("unicode_escape").decode() if unicodedata.category(c) in _UNSAFE else c for c in text)
 
 
 _FORMULA = re.compile(r"(^|[,;\t]\s*)(?=[=+\-@])")

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
+from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import require_usable
 
 
 class UsablePath(click.ParamType):  # type: ignore[type-arg]
@@ -17,15 +17,18 @@ class UsablePath(click.ParamType):  # type: ignore[type-arg]
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        if value == "":
-            name = param.opts[-1] if param else "path"
-            raise InputError(f"{name} is empty: give a path, such as . for the current folder")
-        path = Path(value)
-        require_usable(path, "give another path")
-        return path
+        return path_of(param.opts[-1] if param else "path", value, "give a path, such as . for the current folder")
 
 
 PATH = UsablePath()
+
+with_scenario = click.option(
+    "--at",
+    multiple=True,
+    metavar="NAME=LABEL",
+    help="The scenario, such as backlash=0.07,day=3: a label for every dimension.",
+)
+"""Option of commands on one scenario; see ``labels_of``."""
 
 
 def pairs(option: str, given: Sequence[str]) -> dict[str, str]:

@@ -11,7 +11,7 @@ import click
 
 from fastcoil.base.errors import InputError, missing_extra
 from fastcoil.base.files import require_file
-from fastcoil.cli.arguments import PATH, labels_of, pairs
+from fastcoil.cli.arguments import PATH, labels_of, pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.terminal import announce_compilation, run_own_code, say
@@ -19,9 +19,7 @@ from fastcoil.cli.terminal import announce_compilation, run_own_code, say
 
 @click.command()
 @click.argument("target", type=PATH)
-@click.option(
-    "--at", multiple=True, metavar="NAME=LABEL", help="The scenario of a sweep: a label for every dimension, day too."
-)
+@with_scenario
 @click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."
 )
@@ -102,9 +100,7 @@ PORT = 5010
 
 @click.command()
 @click.argument("target", type=PATH, default="paper_like")
-@click.option(
-    "--at", multiple=True, metavar="NAME=LABEL", help="The scenario of a sweep: a label for every dimension, day too."
-)
+@with_scenario
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any free port.")
 @click.option("--browser/--no-browser", default=True, help="Whether to open the page.")
 def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:

@@ -14,7 +14,7 @@ import click
 from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
 from fastcoil.base.progress import duration
-from fastcoil.cli.arguments import PATH, labels_of
+from fastcoil.cli.arguments import PATH, labels_of, with_scenario
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.plot import draw_standard_figures
 from fastcoil.cli.terminal import announce_compilation, run_own_code, say
@@ -138,12 +138,7 @@ def verify(folder: Path) -> None:
 
 @click.command()
 @click.argument("folder", type=PATH)
-@click.option(
-    "--at",
-    multiple=True,
-    metavar="NAME=LABEL",
-    help="The scenario, such as backlash=0.07,tuning=fast: a label for every dimension.",
-)
+@with_scenario
 def rerun(folder: Path, at: Sequence[str]) -> None:
     """Run one scenario of the study in FOLDER again, with all traces at every second."""
     from fastcoil.study import maintenance
