@@ -27,9 +27,9 @@ class Log:
     names: of the log, and of the second log for validation if there is one.  source: index in ``names`` of the log that
     each sample comes from.  time: seconds since the first row of that log.  batch: number of the unbroken piece that
     each sample belongs to, from 0.  rows: row number of each sample in its file.  notes: how it was read, what was left
-    out, and why.  reading_notes: those of them on how it was read.  change_of_value: whether its rows were written when
-    a value changed, so that values hold between them.  start: date and time of the first row of the first log, to the
-    second, on the clock of ``time_zone``; None and blank if unknown.
+    out, and why.  change_of_value: whether its rows were written when a value changed, so that values hold between
+    them.  start: date and time of the first row of the first log, to the second, on the clock of ``time_zone``; None
+    and blank if unknown.
     """
 
     names: tuple[str, ...]
@@ -39,7 +39,6 @@ class Log:
     batch: Index
     rows: Index
     notes: list[str] = field(default_factory=list)
-    reading_notes: list[str] = field(default_factory=list)
     change_of_value: bool = False
     start: np.datetime64 | None = None
     time_zone: str = ""
@@ -92,7 +91,6 @@ class Log:
             batch=np.concatenate([self.batch, other.batch + self.n_batches]),
             rows=np.concatenate([self.rows, other.rows]),
             notes=self.notes + [f"{name}: {note}" for note in other.notes],
-            reading_notes=self.reading_notes + [f"{name}: {note}" for note in other.reading_notes],
         )
 
     def where(self, kept: Mask) -> Log:
@@ -158,7 +156,6 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
         batch=batch,
         rows=rows,
         notes=table.notes + readings.notes,
-        reading_notes=table.notes,
         change_of_value=of_changes,
         start=None if start is None else start + np.timedelta64(round(float(time[0])), "s"),
         time_zone=zone,

@@ -90,7 +90,7 @@ def replay(
     see_air = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
     sees_air = bool(loop.rules) or not see_air.isdisjoint(words_used(loop, "estimator"))
     data = read_log(log, Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)), how)
-    warn_of_reading(data.name, data.reading_notes)
+    warn_of_reading(data.name, data.notes)
     series = _seconds(data)
     if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)

@@ -2,29 +2,30 @@
 
 import numpy as np
 import pytest
-import xarray as xr
-from helpers.simulated_logs import (
-    flows,
-    log_of,
-    noisy,
-    walk,
-)
+from helpers.simulated_logs import flows, log_of, noisy, walk
 
 import fastcoil as fc
+from fastcoil.logs import read_log
+from fastcoil.logs.columns import Wanted
 
+WANTED = Wanted(("command", "m_w"))
 pytestmark = pytest.mark.kernel
 
 
 def test_a_dataset_with_timestamps_is_as_one_with_seconds():
-    rng = np.random.default_rng(25)
-    log = log_of(c := walk(rng, n=200), noisy(rng, flows(c), 0.02))
+    log = log_of(c := walk(np.random.default_rng(25), n=200), flows(c))
     stamps = np.datetime64("2024-07-01T08:00") + np.arange(200) * np.timedelta64(60, "s")
-    expected = fc.fit_valve(log)
-    for name in ("timestamp", "time", "elapsed_time"):
-        stamped = log.drop_vars("elapsed_time").rename({"elapsed_time": name}).assign_coords({name: stamps})
-        xr.testing.assert_equal(fc.fit_valve(stamped).residuals, expected.residuals)
-    since = log.assign_coords(elapsed_time=stamps - stamps[0])
-    xr.testing.assert_equal(fc.fit_valve(since).residuals, expected.residuals)
+    others = [
+        log.drop_vars("elapsed_time").rename({"elapsed_time": name}).assign_coords({name: stamps})
+        for name in ("timestamp", "time", "elapsed_time")
+    ]
+    expected = read_log(log, WANTED)
+    for other in (*others, log.assign_coords(elapsed_time=stamps - stamps[0])):
+        found = read_log(other, WANTED)
+        for name in ("time", "batch", "rows"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        for name, values in expected.values.items():
+            np.testing.assert_array_equal(found.values[name], values)
 
 
 def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():

@@ -166,7 +166,7 @@ def test_all_at_once(tmp_path):
 def test_a_plain_log_has_no_notes(tmp_path):
     log = read(tmp_path, text_of(rows()))
     assert_same_log(log)
-    assert log.notes == log.reading_notes == []
+    assert not log.notes
     assert not log.change_of_value
 
 

@@ -247,7 +247,7 @@ def test_date_and_time_of_day_in_columns_of_their_own_are_one_timestamp(tmp_path
     text = text_of(cells, (header[0], *HEADER[1:], header[1]))
     log = read(tmp_path, text)
     assert_same_log(log)
-    assert f"{header[0]} and {header[1]} are read as one timestamp" in log.reading_notes
+    assert f"{header[0]} and {header[1]} are read as one timestamp" in log.notes
     assert_same_log(read(tmp_path, text, columns={"timestamp": header[1]}, time_format=f"{date} {clock}"))
 
 

@@ -7,7 +7,7 @@ from helpers.commands import fastcoil
 from helpers.refusals import refusal
 
 import fastcoil as fc
-from fastcoil.measured.fit_loop import GOOD, TOLERANCE, Sums, corrected
+from fastcoil.measured.fit_loop import GOOD, TOLERANCE
 
 pytestmark = pytest.mark.kernel
 
@@ -129,22 +129,6 @@ def test_two_mistakes_are_two_sentences(log):
     short = simulated(every=1, noise=0.0, hours=1).isel(elapsed_time=slice(0, 100))
     assert "0 changes" in refusal(fc.fit_loop, short, MODEL, warm_up=0, split=1.0)
     assert "W_a_in" in refusal(fc.fit_loop, log.drop_vars("W_a_in"), MODEL)
-
-
-def test_each_piece_has_a_factor_of_its_own():
-    """Against the least squares of NumPy, piece by piece."""
-    rng = np.random.default_rng(3)
-    m = rng.normal(size=(2, 40))
-    y = np.stack([0.7 * m[0] + 0.2, 1.4 * m[1] - 0.1]) + 0.01 * rng.normal(size=(2, 40))
-    sums = [np.array([f(k) for k in range(2)]) for f in (lambda k: 40.0, lambda k: y[k].sum(), lambda k: y[k] @ y[k])]
-    sums += [
-        np.array([[f(k)] for k in range(2)])
-        for f in (lambda k: m[k].sum(), lambda k: m[k] @ m[k], lambda k: m[k] @ y[k])
-    ]
-    found = corrected(Sums(np.array([0, 1]), *sums))
-    fits = [np.polyfit(m[k], y[k], 1, full=True) for k in range(2)]
-    assert found.slope[:, 0] == pytest.approx([fit[0][0] for fit in fits])
-    assert found.rss[0] == pytest.approx(sum(float(fit[1][0]) for fit in fits))
 
 
 def test_the_command_writes_what_the_function_finds(log, tmp_path, monkeypatch):
