@@ -101,8 +101,8 @@ def quantity_of(ds: xr.Dataset | xr.DataArray, dim: str) -> Quantity:
     if dim in PARAMETERS or not is_parameter(ds, dim):
         return quantity(dim)
     attrs = ds[dim].attrs
-    unit = str(attrs.get("units", ""))
-    return Quantity(str(attrs.get("long_name", dim)), _UNITS.get(unit, unit), 1.0, str(attrs["comment"]))
+    unit = unit_in_words(str(attrs.get("units", "")))
+    return Quantity(str(attrs.get("long_name", dim)), unit, 1.0, str(attrs["comment"]))
 
 
 def sizes_in_words(sizes: Mapping[Any, int]) -> str:
@@ -130,10 +130,9 @@ def quantity_of_values(values: xr.DataArray) -> Quantity:
     """
     name, attrs = str(values.name or ""), values.attrs
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
-    unit = attrs.get("units")
     if entry is not None and "relative_to" in attrs:
         return Quantity(f"change of {entry.label}", "%", 100.0)
-    if entry is not None and unit in (None, entry.unit):
+    if entry is not None and attrs.get("units", entry.unit) == entry.unit:
         return quantity(name)
     text = str(attrs.get("long_name", name.replace("_", " "))) or "value"
-    return Quantity(text, "" if unit in (None, "1") else _UNITS.get(str(unit), str(unit)), 1.0)
+    return Quantity(text, unit_in_words(str(attrs.get("units", ""))), 1.0)

@@ -210,20 +210,17 @@ def estimate_seconds(plan: Plan, n_jobs: int) -> float:
     return work / min(n_jobs, len(first)) + afterwards
 
 
-def _seconds_of(plan: Plan, shard: np.ndarray) -> float:
-    """Seconds that a thread takes for a shard: all its blocks are made, one of them is run."""
-    columns = plan.layout.columns(shard)
-    rules = rules_for_kernels(plan.layout.loop.rules)
-    blocks(parameter_matrix(columns, rules), rules)  # compiles, once, what its blocks call
+def _seconds_of(plan: Plan, piece: np.ndarray) -> float:
+    """Seconds that a thread takes for scenarios: each of their days is like the first, one block of which is run."""
+    columns, rules = plan.layout.columns(piece), rules_for_kernels(plan.layout.loop.rules)
+    of_day = columns["day"] == columns["day"][0]
+    matrix = parameter_matrix(columns, rules)[:, of_day]
+    blocks(matrix, rules)  # compiles, once, what its blocks call
     start = time.perf_counter()
-    matrix = parameter_matrix(plan.layout.columns(shard), rules)
-    days = np.unique(columns["day"])
-    made = [block for k in days for _, block in blocks(matrix[:, columns["day"] == k], rules)]
-    seconds = time.perf_counter() - start
-    start = time.perf_counter()
+    made = [block for _, block in blocks(matrix, rules)]
     day = plan.days[int(columns["day"][0])]
-    seconds += (time.perf_counter() - start) * days.size
-    return seconds + len(made) * _seconds_of_block(plan, made[len(made) // 2], day)
+    seconds = time.perf_counter() - start + len(made) * _seconds_of_block(plan, made[len(made) // 2], day)
+    return seconds * piece.size / int(np.count_nonzero(of_day))
 
 
 def _seconds_of_block(plan: Plan, block: Block, day: Day) -> float:

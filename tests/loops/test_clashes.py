@@ -46,6 +46,8 @@ def day_of(T_set):
         ),
         ({"buffer_ratio": 50.0, "kp": [0.1, 1.0], "noise_std": 0.1}, ["buffer_ratio × kp × noise_std", "5", "below 1"]),
         ({"smooth_rate": 1e-3, "compensation": ["inverse", "additive"]}, ["smooth_rate without compensation"]),
+        ({"backlash": [0.05, 0.9], "estimate_ratio": [0.5, 1.2]}, ["estimate_ratio", "1.08", "below 1"]),
+        ({"estimate_ratio": 4.0, "learning_step": 0.01}, ["0.28", "learning_cap"]),
         ({"error_dead_band": [0.1, 5.0]}, ["error_dead_band = 5 K", "within 1 K", "give less"]),
     ],
 )
@@ -70,6 +72,7 @@ def test_what_clashes_is_refused_with_a_sentence(parameters, words):
         {"buffer_ratio": [3.0, 6.0], "noise_std": [0.0, 0.02]},
         {"smooth_rate": 1e-3, "compensation": ["inverse", "smooth"]},
         {"error_dead_band": [0.0, 0.9]},
+        {"backlash_estimate": 0.3},
     ],
 )
 def test_what_goes_together_is_planned(parameters):

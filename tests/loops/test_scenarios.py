@@ -94,12 +94,6 @@ def test_a_dim_cannot_have_the_name_of_a_parameter_that_has_another_value():
         columns(fc.Loop(backlash=("buffer", [0.05, 0.07])))
 
 
-def zipped_problem(**values):
-    with pytest.raises(fc.InputError) as caught:
-        columns(fc.Loop(**values))
-    return str(caught.value)
-
-
 DIFFERENT = {"kp": ("tuning", [0.01, 0.02]), "ti": ("tuning", [10.0, 20.0, 30.0])}
 
 
@@ -127,20 +121,3 @@ def test_labels_of_one_dim_that_differ():
     own = xr.DataArray([1.0, 2.0], dims="ti", coords={"ti": [10.0, 21.0]})
     with pytest.raises(fc.InputError, match="'ti'"):
         fc.Loop(ti=[10.0, 20.0], kp=own).coordinates()
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"backlash": [0.05, 0.9], "estimate_ratio": [0.5, 1.2]}, ["estimate_ratio", "1.08", "below 1"]),
-        ({"backlash_estimate": [0.0, 0.3], "learning_step": 0.01}, ["backlash_estimate", "0.3", "learning_cap"]),
-        ({"estimate_ratio": 4.0, "learning_step": 0.01}, ["0.28", "learning_cap"]),
-    ],
-)
-def test_values_that_do_not_go_together(values, words):
-    problem = zipped_problem(**values)
-    assert all(word in problem for word in words), problem
-
-
-def test_an_estimate_above_the_cap_is_fine_without_learning():
-    assert columns(fc.Loop(backlash_estimate=0.3))[0].size == 1

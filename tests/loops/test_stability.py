@@ -84,14 +84,6 @@ def test_substeps_that_nobody_can_give_are_not_advised(days, refused):
     assert "substeps" not in problem.partition("cure")[2]
 
 
-@pytest.mark.parametrize("coil", COILS)
-def test_substeps_move_both_borders_in_proportion(days, coil, refused):
-    limits = gamma_and_lambda(days, C_w=1.0, C_c=1.0, **coil)
-    for name, limit in zip(("C_w", "C_c"), limits, strict=True):
-        fc.simulate(fc.Loop(**{name: limit / 5 * (1 + 1e-9)}, substeps=5, **coil), days, warm_up=60)
-        refused(fc.Loop(**{name: limit / 5 * (1 - 1e-9)}, substeps=5, **coil), days, warm_up=60)
-
-
 def test_one_unstable_scenario_refuses_the_study_and_is_counted(days, refused):
     (problem,) = refused(fc.Loop(C_w=[8.8, 9.0, 1.0], backlash=[0.0, 0.1], kp=[0.01, 0.02, 0.03]), days, warm_up=60)
     assert "12 of 36 scenarios" in problem

@@ -8,7 +8,6 @@ from helpers.refusals import only_problem
 from helpers.weather_years import CSV_HEADER, epw, hours_from, tmy3
 
 from fastcoil.loops.boundary.weather import weather_day
-from fastcoil.study.file.spec import build_boundary
 
 PLANT = {"m_a": 1.2, "T_w_in": 7.0, "T_set": 14.0, "T_return": 24.0, "RH_return": 0.5}
 OUTDOORS = PLANT | {"outdoor_fraction": 1.0}
@@ -50,13 +49,6 @@ def test_a_row_holds_at_the_full_hour_that_ends_its_interval_with_the_humidity_o
         assert series["T_a_in"][0, 3600 * k : 3600 * k + 1] == pytest.approx([row["T"]], abs=1e-9)
         p_w = psychrolib.GetSatVapPres(row["T_dew"])
         assert series["W_a_in"][0, 3600 * k] == pytest.approx(0.621945 * p_w / (row["p"] - p_w), rel=2e-5)
-
-
-def test_a_study_file_takes_them_too(put):
-    path = put(epw(JUNE))
-    table = {"kind": "weather", "path": path.name, "days": [166], "hour": 10, **OUTDOORS}
-    with pytest.warns(UserWarning, match="hourly weather of 'Testville"):
-        assert build_boundary(table, path.parent) == day_of(path, days=[166], hour=10)
 
 
 def test_four_records_an_hour_stand_at_the_ends_of_their_quarters(put):

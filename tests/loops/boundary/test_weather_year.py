@@ -127,22 +127,6 @@ def test_the_set_point_follows_the_outdoor_air_between_its_hours(tmp_path):
     np.testing.assert_allclose(series["T_set"][later], np.interp(T_out, [16, 21], [18, 13]), atol=1e-9)
 
 
-def test_trim_and_respond_lies_between_its_limits_and_below_the_line_of_reset(tmp_path):
-    path = made_weather(tmp_path, lambda h: 14.0 + 4 * np.sin(h / 4))
-    options = {"disturbances": 1.0, "zone_spread": 0.3}
-    moving = on_a_day(path, set_point="trim_and_respond", **options)["T_set"]
-    line = on_a_day(path, set_point="outdoor_reset", **options)["T_set"]
-    assert (moving <= line + 1e-9).all()
-    assert moving.min() >= 13.0
-    start = 6 * 3600
-    np.testing.assert_array_equal(moving[: start + 600], line[: start + 600])  # from its initial value, after the delay
-    assert (line - moving).max() > 1.0
-    changes = np.flatnonzero(np.abs(np.diff(moving - line)) > 0.05) + 1
-    inside = changes[(changes > start) & (changes < 20 * 3600)]
-    assert inside.size > 20
-    assert not ((inside - start) % 120).any()
-
-
 def test_air_flow_follows_the_load_between_least_and_design(tmp_path):
     path = made_weather(tmp_path, lambda h: 12.0 + 20.0 * (h % 24 == 13))
     series = on_a_day(path, set_point="fixed", T_set=12.0, T_balance=12.0, T_design=32.0, internal_load=0.4)
