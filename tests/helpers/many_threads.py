@@ -37,14 +37,6 @@ def look(folder: Path, golden: str) -> float:
     return float(ds["T_sup"].sum()) + float(np.sum(ds["mode"].values))
 
 
-def look_from_eight_threads(folder: Path, times: int = 25) -> None:
-    """Eight threads open the same study."""
-    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
-    with ThreadPoolExecutor(8) as pool:
-        found = list(pool.map(lambda _: look(folder / "one", golden), range(8 * times)))
-    assert len(set(found)) == 1
-
-
 def run_in_four_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL_FULL") else 1) -> None:
     """Four threads run studies into folders of their own, while others look at these and at a finished one."""
     golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
@@ -70,18 +62,6 @@ def run_in_four_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL
         assert all(look.result() >= 0 for look in looking)
 
 
-def gather(folder: Path, times: int = 40) -> None:
-    """A server that answers many requests at once."""
-    golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
-
-    async def serve() -> None:
-        looks = (asyncio.to_thread(look, folder / "one", golden) for _ in range(times))
-        runs = (asyncio.to_thread(fc.run_study, study(folder), folder / f"out{k}", n_jobs=1) for k in range(3))
-        await asyncio.gather(*looks, *runs)
-
-    asyncio.run(serve())
-
-
 def run_inside_an_event_loop(folder: Path, backend: str) -> None:
     """A notebook: whatever it calls is called inside a running event loop."""
     golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
@@ -94,9 +74,7 @@ def run_inside_an_event_loop(folder: Path, backend: str) -> None:
 
 
 PROGRAMS = {
-    "look": look_from_eight_threads,
     "run": run_in_four_threads,
-    "gather": gather,
     **{f"{b} in a loop": lambda f, b=b: run_inside_an_event_loop(f, b) for b in ("threads", "loky")},
 }
 

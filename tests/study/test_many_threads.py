@@ -8,13 +8,7 @@ pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180)]
 
 @pytest.mark.parametrize(
     "program",
-    [
-        "run",
-        *(
-            pytest.param(name, marks=pytest.mark.full)
-            for name in ("look", "gather", "threads in a loop", "loky in a loop")
-        ),
-    ],
+    ["run", *(pytest.param(f"{backend} in a loop", marks=pytest.mark.full) for backend in ("threads", "loky"))],
 )
 def test_a_program_with_many_threads_ends_well(tmp_path, program):
     words = ("-X", "faulthandler", "-m", "helpers.many_threads", program, tmp_path)
