@@ -67,7 +67,6 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         )
     _require_name(path, language)
     controller = Controller(loop)
-    _require_ours(path, language)
     text = controller.text()
     try:
         vectors = vectors_of(loop, controller, text)
@@ -78,6 +77,12 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
         raise InputError(f"{' and '.join(controller.own)} cannot be exported: {fault}: {cure}")
     files = _files(path, language, text, vectors, controller.number["sample_time"])
+    # somebody else's, such as a rule in mine.py beside the loop in mine.toml
+    others = [each for each in map(path.with_name, files) if exists(each) and not _is_ours(each)]
+    if others:
+        raise InputError(
+            [f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others]
+        )
     for name, content in files.items():
         commit(path.with_name(name), content.encode())
     return [path.with_name(name) for name in files]
@@ -97,16 +102,6 @@ def _require_name(path: Path, language: str) -> None:
         )
     if language == "python" and path.stem.casefold() in _MODULES:
         raise InputError(f"path = {path}: it would hide Python's module {path.stem}: choose another name")
-
-
-def _require_ours(path: Path, language: str) -> None:
-    """Refuse to replace what somebody else wrote, such as a rule in ``mine.py`` by the controller of ``mine.toml``."""
-    beside = [f"{path.stem}_vectors.csv", *([f"{path.stem}_check.st"] if language == "st" else [])]
-    others = [each for name in (path.name, *beside) if exists(each := path.with_name(name)) and not _is_ours(each)]
-    if others:
-        raise InputError(
-            [f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others]
-        )
 
 
 def _is_ours(path: Path) -> bool:
@@ -151,12 +146,11 @@ def _files(path: Path, language: str, text: str, vectors: Vectors, sample_time: 
 def _difference(text: str, vectors: Vectors) -> str:
     """Where the translation of a rule of the user does something else than the kernel; empty where it does the same."""
     given = {name: vectors.columns[name] for name in vectors.inputs}
-    expected = np.array([vectors.columns[name] for name in vectors.outputs]).T
-    for k, found in enumerate(cycles(text, given, vectors.outputs)):
-        off = np.abs(np.subtract(found, expected[k])).max()
-        if not off <= _TOLERANCE:
-            return f"cycle {k} of its vectors is off by {off:.2g} from what fastcoil computes"
-    return ""
+    expected = np.array([vectors.columns[name] for name in vectors.outputs])
+    found = np.array(list(cycles(text, given, vectors.outputs))).T
+    off = np.abs(found - expected).max(axis=0)
+    wrong = np.flatnonzero(~(off <= _TOLERANCE))
+    return f"cycle {wrong[0]} of its vectors is off by {off[wrong[0]]:.2g}" if wrong.size else ""
 
 
 def _check(kind: str, words: dict[str, object]) -> str:
