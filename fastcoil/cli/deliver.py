@@ -26,13 +26,9 @@ def report(folder: Path, out: Path | None) -> None:
 
     diagnose, explain, fit and tune have an option --report instead.
     """
-    from fastcoil.deliver.report.page import require_page
-    from fastcoil.deliver.report.report import REPORT, page_of_folder, require_folder
+    from fastcoil.deliver.report.report import report as written
 
-    require_folder(folder)
-    path = out or folder / REPORT
-    require_page(path, "-o")
-    say(f"Report:  {page_of_folder(folder).write(path)}")
+    say(f"Report:  {written(folder, out)}")
 
 
 def with_report(command: Callable[..., None]) -> Callable[..., None]:
@@ -45,9 +41,9 @@ def with_report(command: Callable[..., None]) -> Callable[..., None]:
 def write_report(result: Any, path: Path | None) -> None:
     """Write the report of a result if ``path`` is given."""
     if path is not None:
-        from fastcoil.deliver.report.report import page_of_result
+        from fastcoil.deliver.report.report import report as written
 
-        say(f"Report:  {page_of_result(result).write(path)}")
+        say(f"Report:  {written(result, path)}")
 
 
 def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:

@@ -11,13 +11,11 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.base.text import NONE
 from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
-from fastcoil.loops.labels import quantity_of, sizes_in_words
+from fastcoil.loops.labels import sizes_in_words
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import ABSENT, package_versions
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.file.tables import parse_toml
-
-_FEW = 6  # labels that are listed one by one
 
 
 def study_tables(ds: xr.Dataset) -> Mapping[str, Any]:
@@ -51,8 +49,8 @@ def how(ds: xr.Dataset) -> Section:
             "Between days", "each begins as the one before ended (carry_over).  Intervals over days take them as "
             "independent, which days in a row are not quite",
         ))  # fmt: skip
-    tables = [table for table in (_swept(ds), changed(constants, preset)) if table.rows]
-    return Section("How it was computed", [facts(*pairs), *tables])
+    own = changed(constants, preset)
+    return Section("How it was computed", [facts(*pairs), *([own] if own.rows else [])])
 
 
 def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") -> Table:
@@ -85,30 +83,6 @@ def here() -> Section:
     found = [f"{package} {number}" for package, number in package_versions().items() if number != ABSENT]
     pairs = [("fastcoil", VERSION), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
     return Section("Versions", [facts(*pairs)])
-
-
-def _range(ds: xr.Dataset, name: str) -> str:
-    shown, values = quantity_of(ds, name), ds[name]
-    return f"{float(values.min()) * shown.factor:.3g} to {shown.number(float(values.max()))}"
-
-
-def _swept(ds: xr.Dataset) -> Table:
-    """What differs between scenarios: a row for each swept or drawn parameter, and for each dim of names."""
-    rows = []
-    for name, values in ds.coords.items():
-        label, dims = str(name), [str(d) for d in values.dims]
-        is_chance = label in ("sample", "day", "replicate")  # their labels are no values
-        if is_chance or not dims or not {*dims} <= {*map(str, ds["status"].dims)} or values.dtype.kind == "M":
-            continue
-        size = " × ".join(f"{ds.sizes[d]:,}" for d in dims)
-        along = f"{size} values" if dims == [label] else f"{' × '.join(dims)} ({size})"
-        if values.dtype.kind in "if":
-            listed = _range(ds, label)
-        else:
-            words = sorted({str(v) for v in values.values.ravel()})
-            listed = ", ".join(words[:_FEW]) + (", …" if len(words) > _FEW else "")
-        rows.append([label, quantity_of(ds, label).text, listed, along])
-    return Table("What differs between scenarios", ["name", "what", "values", "along"], rows)
 
 
 def _mapping(text: object) -> Mapping[str, Any]:

@@ -87,7 +87,6 @@ _MARK_WITHIN, _LARGEST = 2000, 2**28  # bytes at the beginning of a page that ho
 DPI = 200
 """Of the pictures: for print on A4."""
 _BESIDE = ("baseline", "never", "yes", "no")  # words in a column of numbers
-_LONGEST = 2000  # characters of a text in a row or a sentence
 
 
 @dataclass(frozen=True)
@@ -216,11 +215,8 @@ def _in_markdown(block: Block) -> str:
 
 
 def _shown(value: Any) -> Any:
-    """Escape control characters of texts and cut long ones; what the template makes stays as it is."""
-    if type(value) is not str or value.startswith("data:"):
-        return value
-    cut = value if len(value) <= _LONGEST else f"{value[:_LONGEST]}… ({len(value):,} characters)"
-    return printable(cut)
+    """Escape control characters of texts; what the template makes stays as it is."""
+    return printable(value) if type(value) is str else value
 
 
 def require_page(path: Path, option: str = "path") -> None:

@@ -46,13 +46,19 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     StorageError, IntegrityError
         If a file cannot be read or written; if results are damaged.  Nothing half-written is left behind.
     """
+    make: Callable[[Any], Page] | None
     if isinstance(what, (str, os.PathLike)):
-        folder = path_of("what", what, _CURE)
-        where = folder / REPORT if path is None else path_of("path", path, _FILE)
-        require_folder(folder)
-        require_page(where)
-        return page_of_folder(folder).write(where)
-    make = _page_function(what)
+        from fastcoil.deliver.report.study import study_page
+
+        what, make = path_of("what", what, _CURE), study_page
+        _require_folder(what)
+        path = what / REPORT if path is None else path
+    else:
+        from fastcoil.deliver.report.results import PAGES
+
+        make = next((page for kind, page in PAGES.items() if isinstance(what, kind)), None)
+    if make is None:
+        raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))
     if path is None:
         raise InputError(f"path is missing: {_FILE}")
     where = path_of("path", path, _FILE)
@@ -60,7 +66,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     return make(what).write(where)
 
 
-def require_folder(folder: Path) -> None:
+def _require_folder(folder: Path) -> None:
     """Refuse anything but a folder of which there are reports; its files are not looked into."""
     require_no_archive(folder)
     if not is_folder(folder):
@@ -73,24 +79,3 @@ def require_folder(folder: Path) -> None:
             "trying anything again"
         )
     raise InputError(f"{folder} holds no study: {_CURE}")
-
-
-def page_of_folder(folder: Path) -> Page:
-    """The page of what a folder holds."""
-    from fastcoil.deliver.report.study import study_page
-
-    return study_page(folder)
-
-
-def page_of_result(what: Any) -> Page:
-    """The page of what a function returned."""
-    return _page_function(what)(what)
-
-
-def _page_function(what: Any) -> Callable[[Any], Page]:
-    from fastcoil.deliver.report.results import PAGES
-
-    for kind, make in PAGES.items():
-        if isinstance(what, kind):
-            return make
-    raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))

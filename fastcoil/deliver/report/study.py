@@ -32,7 +32,7 @@ from fastcoil.deliver.report.page import (
 )
 from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
-from fastcoil.study.analysis.paired import Middle, change_of, middle_of, without_off_days
+from fastcoil.study.analysis.paired import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.selected import own_metrics
 from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
 from fastcoil.study.folder.folder import StudyFolder
@@ -50,25 +50,25 @@ _SHOWN = ("rmse", *_HEADS)
 _MOST_NAMES, _MOST_FAILED = 40, 10
 
 
-def comparisons(ds: xr.Dataset) -> list[Table | Words]:
-    """A table for every dimension with labels, and before that of the gap or of names what it says in a sentence."""
+def comparisons(ds: xr.Dataset) -> list[Table]:
+    """A table for every dimension with labels."""
     ratio, pi = estimate_dim(ds), plain_pi(ds)
     ds = without_off_days(ds[[name for name in (*_SHOWN, *own_metrics(ds), "status") if name in ds]])
     ds = ds.where(ds["status"] == STATUS_OK).drop_vars("status")
     dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
     plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), f" with the {pi}")
-    found: list[Table | Words] = []
+    found = []
     for dim in dims:
         labels = ds[dim].values
         zero = int((labels == 0.0).argmax())
         if dim == ratio:
             seen = comparable(ds)
             chosen = int((labels == recommended(seen, dim)).argmax())
-            found.append(_against(seen, dim, zero, f"the {pi} of the same loop", "", chosen)[-1])
+            found.append(_against(seen, dim, zero, f"the {pi} of the same loop", "", chosen))
         elif dim == "backlash" and labels[zero] == 0.0:
-            found += _against(plain, dim, zero, "the sound valve", only)
+            found.append(_against(plain, dim, zero, "the sound valve", only))
         elif labels.dtype.kind in "OUST" and labels.size <= _MOST_NAMES:
-            found += _against(plain, dim, 0, f"{labels[0]}, the first", only)
+            found.append(_against(plain, dim, 0, f"{labels[0]}, the first", only))
         elif is_parameter(ds, dim):
             found.append(_along(plain, dim, only))
     return found
@@ -81,47 +81,33 @@ def _rows_shown(ds: xr.Dataset, dim: str, *keep: int) -> list[int]:
     return picked(ds.sizes[dim], (*keep, int(best.values.argmin())), most)
 
 
-def _against(ds: xr.Dataset, dim: str, at: int, words: str, only: str, *keep: int) -> list[Table | Words]:
-    """A row for every label, compared with the partner of each scenario under the baseline, the label ``at``.
-
-    Before the table a sentence on the largest gap, or on the label of lowest error, if one of them is known.
-    """
+def _against(ds: xr.Dataset, dim: str, at: int, words: str, only: str, *keep: int) -> Table:
+    """A row for every label, compared with the partner of each scenario under the baseline, the label ``at``."""
     unit = next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), None)
     base = ds.isel({dim: at}, drop=True)
     head = [quantity_of(ds, dim).text, "RMS error [K]", "change", *(["95 % interval"] if unit else [])]
     head += ["5 to 95 % of pairs", "lower in"] + _others_head(ds)
-    rows, middles = [], dict[int, Middle]()
+    rows = []
     for k in _rows_shown(ds, dim, at, *keep):
         one = ds.isel({dim: k}, drop=True)
         cells = [_label(ds, dim, k), number(float(one["rmse"].median()))]
         if k == at:
             cells += ["baseline", *[""] * (2 + bool(unit))]
         else:
-            middles[k] = middle = middle_of(change_of(one["rmse"], base["rmse"]).rename("rmse"), unit or "")
+            middle = middle_of(change_of(one["rmse"], base["rmse"]).rename("rmse"), unit or "")
             pair = one["rmse"].notnull() & base["rmse"].notnull()
             lower = (one["rmse"] < base["rmse"]) + 0.5 * (one["rmse"] == base["rmse"])
             cells += [change(middle.median), *([span(middle.low, middle.high)] if unit else [])]
             cells += [span(middle.q05, middle.q95), percent(float(lower.where(pair).mean()))]
         rows.append(cells + _others(one))
-    over = f"over {ds.sizes[unit]} {_UNITS[unit]}" if unit else ""
     what = "names" if ds[dim].dtype.kind in "OUST" else "values"
     note = (
         f"RMS error: median{only}.  Change: median within pairs that differ in nothing else.  "
-        f"{f'95 % interval: of the median change, {over}.  ' if unit else ''}"
+        f"{f'95 % interval: of the median change, over {ds.sizes[unit]} {_UNITS[unit]}.  ' if unit else ''}"
         f"5 to 95 % of pairs: how much the change differs from loop to loop.  Lower in: share of pairs with less "
         f"error, ties half.  {left_out(ds.sizes[dim], len(rows), what)}"
     ).strip()
-    table = Table(f"{quantity_of(ds, dim).text.capitalize()}: against {words}", head, rows, note)
-    known = {k: middle.median for k, middle in middles.items() if math.isfinite(middle.median)}
-    if not known:
-        return [table]
-    k = max(known) if dim == "backlash" else min(known, key=lambda each: known[each])
-    found = middles[k]
-    interval = f"; 95 %: {span(found.low, found.high)}, {over}" if unit else ""
-    chance = ", which may be chance" if unit and found.low < 0.0 < found.high else ""
-    name = f"{quantity_of(ds, dim).text.capitalize()} {_label(ds, dim, k)}{only}"
-    sentence = f"{name}: RMS error {change(found.median)} against {words} (median{interval}{chance})."
-    return [Words([sentence]), table]
+    return Table(f"{quantity_of(ds, dim).text.capitalize()}: against {words}", head, rows, note)
 
 
 def _along(ds: xr.Dataset, dim: str, only: str) -> Table:
