@@ -277,17 +277,12 @@ def assigned(
 
     result = dict(values)
     for stand_ins, replaced in _ALTERNATIVES:
-        if checked.keys() & set(replaced) and result.keys() & set(stand_ins):
-            if missing := [n for n in replaced if n not in checked]:
-                raise InputError(
-                    f"{', '.join(sorted(checked.keys() & set(replaced)))}: the valve is given by rangeability, "
-                    f"authority and m_full; give {', '.join(missing)} too to replace them"
-                )
-            result = {n: v for n, v in result.items() if n not in stand_ins}
-        if checked.keys() & set(stand_ins):
-            if missing := [n for n in stand_ins if n not in checked and n not in result]:
-                raise InputError(f"rangeability, authority and m_full go together: {' and '.join(missing)} missing")
-            result = {n: v for n, v in result.items() if n not in replaced}
+        for new, old in ((stand_ins, replaced), (replaced, stand_ins)):
+            if not checked.keys() & set(new):
+                continue
+            if missing := [n for n in new if n not in checked and n not in result]:
+                raise InputError(f"{', '.join(new)} go together: {' and '.join(missing)} missing")
+            result = {n: v for n, v in result.items() if n not in old}
     for name, value in checked.items():
         if isinstance(value, xr.DataArray):
             result.pop(name, None)  # dims are in the order in which they were last given

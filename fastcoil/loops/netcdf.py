@@ -180,7 +180,6 @@ def with_times(ds: xr.Dataset) -> xr.Dataset:
     return ds.assign(times)
 
 
-_CHUNK = 2**20  # bytes read at once
 _READER = Path(__file__).with_name("netcdf_probe.py")
 _SECONDS, _BYTES_PER_SECOND = 30, 5e6  # limits of the child process, far above what reading takes
 _MEMORY = 2**31
@@ -282,11 +281,8 @@ class StoredFile:
 
 @lru_cache(maxsize=1000)
 def _sha256_of(path: Path, identity: Identity) -> str:
-    digest = hashlib.sha256()
     with open(path, "rb") as file:
-        while chunk := file.read(_CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def file_sha256(path: Path) -> str:
