@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t
 
 import fastcoil as fc
-from studies.numerics import numerics, populations
+from studies.numerics import numerics
 
 pytestmark = pytest.mark.kernel
 
@@ -38,17 +38,3 @@ def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
     )
     (row,) = (row for row in of_gap if row[:2] == ["g36", "15%"])
     assert row[2].split(" → ")[1] == f"{float(alone.rmse.mean()):.3f}"
-
-
-def test_a_coil_of_few_volumes_is_compared_with_one_of_many(written, monkeypatch):
-    monkeypatch.setattr(populations, "RH", (0.2, 0.6))
-    monkeypatch.setattr(populations, "OPENINGS", (0.3, 0.9))
-    monkeypatch.setattr(populations, "VOLUMES", (4, 64))
-    ds = populations.at_rest()
-    populations.write_rest(ds)
-    groups = {row[0]: row for row in written("convergence_wet")[1][1:]}
-    assert sum(int(re.findall(r"\d+", name)[0]) for name in groups) == 4
-    dry = (ds.wet_volumes.sel(n_volumes=64) == 0.0).values
-    few, many = (ds.power.sel(n_volumes=n).values[dry] for n in (4, 64))
-    (row,) = (row for name, row in groups.items() if name.startswith("dry"))
-    assert float(row[2].split(", ")[1]) == pytest.approx(100 * max(abs(few / many - 1.0)), abs=0.006)

@@ -39,16 +39,3 @@ def test_the_presets_have_the_gains_that_the_study_chose():
     kp, ti = (float(cell) for cell in chosen.split("|")[1:3])
     for name in backlash.PRESETS:
         assert (fc.Loop.preset(name)["kp"], fc.Loop.preset(name)["ti"]) == (kp, ti)
-
-
-def test_the_tables_have_a_row_for_every_case(monkeypatch):
-    monkeypatch.setattr(backlash, "VALVES", 4)
-    monkeypatch.setattr(backlash, "GOOD", 2)
-    monkeypatch.setattr(backlash, "REMEDIES", {"plain PI": {}, "95 % inverse": {"estimate_ratio": 0.95}})
-    short = {"stepped": fc.heating_day(1.5, [1, 2])}
-    monkeypatch.setattr(backlash, "days", lambda *_: short)
-    found = backlash.runs("heating", {"kp": 0.02, "ti": 60.0}, (1, 2))
-    worn, good = backlash.rows("heating", found)
-    assert (worn[1:3], good[1:3]) == (["stepped", "worn"], ["stepped", "X = 0"])
-    assert worn[4].startswith("-")
-    assert good[4] == "+0 % (+0 to +0), × 1.00"

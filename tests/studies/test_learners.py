@@ -1,4 +1,4 @@
-"""``learners.py`` and its parts: conditions that differ, estimators that act, and tables of what plain Python finds."""
+"""``learners.py``: estimators that act on the same days, and its tables."""
 
 import numpy as np
 import pytest

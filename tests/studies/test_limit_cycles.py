@@ -1,4 +1,4 @@
-"""The study of limit cycles: what it counts, and that its loops run."""
+"""The study of limit cycles: its forecasts are right on loops of another seed."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""``remedies.py`` and its parts: gains, remedies that act, and tables that hold what plain Python finds."""
+"""``remedies.py``: gains that are the best by plain Python, and its tables."""
 
 import math
 

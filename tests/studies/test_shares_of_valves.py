@@ -28,13 +28,6 @@ def test_a_share_has_the_interval_of_wilson_where_cases_are_independent_and_a_wi
     assert str(never) == "0 % (0 to 7)"
 
 
-def test_only_what_counts_counts():
-    holds = xr.DataArray([[1, 0], [1, 1], [0, 0]], dims=("sample", "day"))
-    among = xr.DataArray([[1, 1], [1, 1], [0, 0]], dims=("sample", "day"))
-    assert share_of(holds, among) == share_of(holds.isel(sample=[0, 1]))
-    assert share_of(holds, among).value == 0.75
-
-
 def test_a_mean_scatters_with_its_valves_and_with_its_days():
     of_valve, of_day = np.array([0.0, 1.0, 5.0, 2.0]), np.array([0.3, 2.0, 1.0])
     middle, half = mean_of(xr.DataArray(of_valve[:, None] + of_day, dims=("sample", "day")))

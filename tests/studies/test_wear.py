@@ -1,4 +1,4 @@
-"""``wear.py`` and its parts: gaps that grow as given, a bank that finds its gap, alarms and tables of plain Python."""
+"""``wear.py`` and its parts: gaps that grow as given, a bank that finds its gap, tables of a made-up result."""
 
 import math
 import statistics

@@ -55,23 +55,6 @@ def test_texts_fit_and_colours_are_those_of_the_palette(drawn):
         assert_texts_fit(figure)
 
 
-def test_the_scorecard_shows_every_share_and_its_interval_for_every_kind_of_day(card, drawn):
-    (axes,) = drawn["scorecard"].axes
-    marks = [line for line in axes.lines if line.get_marker() not in ("None", None, "")]
-    spans = [tuple(line.get_xdata()) for line in axes.lines if line not in marks]
-    kinds = [kind for claim in card["claims"] for kind in claim["kinds"].values()]
-    assert [float(line.get_xdata()[0]) for line in marks] == [100 * kind["share"] for kind in kinds]
-    for kind in kinds:
-        low, high = kind["share_interval"] or (kind["share"], kind["share"])
-        assert (100 * low, 100 * high) in spans
-    rows = [round(float(line.get_ydata()[0])) for line in marks]
-    assert rows == [row for row, claim in enumerate(card["claims"]) for _ in claim["kinds"]]
-    labels = [text.get_text() for text in drawn["scorecard"].legends[0].get_texts()]
-    assert labels == [*card["kinds"], "no kind of day"]
-    looks = {(line.get_marker(), line.get_color()) for line in marks}
-    assert len(looks) == len(labels)
-
-
 def test_every_claim_figure_and_warning_is_on_the_page(folder, card):
     page = Page(folder / "report.html")
     page.require_alone()

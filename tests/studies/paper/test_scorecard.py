@@ -102,24 +102,3 @@ def test_a_condition_is_found_with_its_shares():
     verdict = verdicts.judge(slow | (np.arange(slow.size) % 4 == 0), TUNINGS)
     assert verdict.elsewhere > 0.05
     assert verdict.text.startswith(f"holds in part, more often if {verdict.condition} (")
-
-
-def test_a_claim_changes_with_the_kind_of_day_where_the_difference_is_large_and_no_chance():
-    """Against a paired t test of the days' shares."""
-    rng = np.random.default_rng(3)
-    of_day = np.array([[0.30, 0.50, 0.40, 0.60], [0.44, 0.66, 0.52, 0.76], [0.36, 0.50, 0.46, 0.64]])
-    holds = xr.DataArray(
-        rng.permuted(np.arange(100) < 100 * of_day[..., None], axis=-1), dims=("kind", "day", "tuning")
-    )
-    differences = of_day[1] - of_day[0]
-    low, high = stats.ttest_1samp(differences, 0.0).confidence_interval(0.95)
-    assert low > 0.0
-    assert verdicts.change(holds) == pytest.approx(differences.mean())
-    assert verdicts.change(holds[[1, 0]]) == verdicts.change(holds[[0, 1]])
-    assert verdicts.change(holds[[0, 2]]) == 0.0, "four points are no change"
-    shuffled = holds.copy()
-    shuffled[1] = holds[1].values[[3, 2, 1, 0]]
-    assert verdicts.change(shuffled[[0, 1]]) == 0.0, "the same difference, but not day by day"
-    assert verdicts.change(xr.DataArray([[True, False]], dims=("kind", "tuning"))) == 0.0, "a single kind"
-    without_scatter = xr.DataArray([[[True, True]] * 3, [[True, False]] * 3], dims=("kind", "day", "tuning"))
-    assert verdicts.change(without_scatter) == 0.5
