@@ -148,18 +148,23 @@ def draw_map(axes: Axes, values: xr.DataArray, x: str, y: str) -> QuadMesh | Non
 
 
 def draw_curve(axes: Axes, values: xr.DataArray, x: str, *, color: str, **look: Any) -> None:
-    """Draw the median over all dims but ``x``, with a band, or with a thin line per member; from 0 where it can be."""
+    """Draw the median over all dims but ``x``, with what scatters around it; from 0 where it can be."""
     of, of_x = quantity_of_values(values), quantity_of(values, x)
     label_axes(axes, of_x.axis, of.axis)
     axes.axhline(0.0, color="black", lw=0.8).sticky_edges.y.append(0.0)
-    along, values = of_x.factor * values[x], of.factor * values
+    curve(axes, of_x.factor * values[x], of.factor * values, color=color, **look)
+    say_if_empty(axes, values)
+
+
+def curve(axes: Axes, along: xr.DataArray, values: xr.DataArray, *, color: str, **look: Any) -> None:
+    """Draw the median of ``values`` over all dims but that of ``along``, with a band or a thin line per member."""
+    x = str(along.dims[0])
     band, members = _band_or_members(values, x)
     if band is not None:
         axes.fill_between(along, *band, color=color, alpha=0.2, lw=0)
     elif members is not None:
         axes.plot(along, members, color=color, lw=0.5, alpha=0.7)
     axes.plot(along, values.median(_pooled(values, x)), color=color, **look)
-    say_if_empty(axes, values)
 
 
 def draw_dots(axes: Axes, values: xr.DataArray, dim: str, color: str) -> None:
