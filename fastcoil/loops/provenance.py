@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -76,7 +76,6 @@ FORMAT = 1
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")
 """Whose versions a result keeps."""
-ABSENT = "absent"
 
 
 def provenance() -> dict[str, Any]:
@@ -101,13 +100,7 @@ def provenance() -> dict[str, Any]:
 @cache
 def package_versions() -> dict[str, str]:
     """Versions of this installation by package."""
-    packages = {}
-    for package in PACKAGES:
-        try:
-            packages[package] = version(package)
-        except PackageNotFoundError:  # the package runs without this one
-            packages[package] = ABSENT
-    return packages
+    return {package: version(package) for package in PACKAGES}
 
 
 def environments_of(ds: xr.Dataset) -> list[dict[str, str]]:

@@ -13,7 +13,7 @@ from fastcoil.base.text import NONE
 from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
 from fastcoil.loops.labels import sizes_in_words
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
-from fastcoil.loops.provenance import ABSENT, package_versions
+from fastcoil.loops.provenance import package_versions
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.file.tables import parse_toml
 
@@ -80,7 +80,7 @@ def versions(ds: xr.Dataset) -> Section:
 
 def here() -> Section:
     """The versions of this installation, for a result that was not read from a file."""
-    found = [f"{package} {number}" for package, number in package_versions().items() if number != ABSENT]
+    found = [f"{package} {number}" for package, number in package_versions().items()]
     pairs = [("fastcoil", VERSION), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
     return Section("Versions", [facts(*pairs)])
 
