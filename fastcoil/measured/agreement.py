@@ -17,29 +17,24 @@ Of 66 simulated loops whose gap is claimed two have less; of those with another 
 
 def require_agreement(log: Log) -> None:
     """Refuse a log whose temperatures cannot be of one air stream."""
-    problems, T = [], log.values["T_sup"]
-    known = np.isfinite(T) & (log.values.get("enabled", np.ones(T.size)) != 0.0)
-    T_set, command = log.values.get("T_set"), log.values.get("command", np.full(T.size, 0.5))
-    if T_set is not None:
-        controlled = known & np.isfinite(T_set) & (command > 0.01) & (command < 0.99)
-        if controlled.any():
-            here, wanted = (float(np.median(series[controlled])) for series in (T, T_set))
-            if np.median(np.abs(T - T_set)[controlled]) > _FROM_SET_POINT:
-                problems.append(
-                    f"T_sup is typically {here:.3g} degC and T_set {wanted:.3g} degC with the valve in control: check "
-                    "the units of both"
-                )
-    if "T_a_in" in log.values and "T_w_in" in log.values and known.any():
-        of_air, of_water = log.values["T_a_in"], log.values["T_w_in"]
+    values, T = log.values, log.values["T_sup"]
+    known = np.isfinite(T) & (values.get("enabled", np.ones(T.size)) != 0.0)
+    checks: list[tuple[tuple[str, ...], Mask, Array, float]] = []
+    if "T_set" in values:
+        command = values.get("command", np.full(T.size, 0.5))
+        controlled = known & np.isfinite(values["T_set"]) & (command > 0.01) & (command < 0.99)
+        checks.append((("T_sup", "T_set"), controlled, np.abs(T - values["T_set"]), _FROM_SET_POINT))
+    if "T_a_in" in values and "T_w_in" in values:
+        of_air, of_water = values["T_a_in"], values["T_w_in"]
         outside = np.maximum(T - np.maximum(of_air, of_water), np.minimum(of_air, of_water) - T)
-        if np.median(outside[known]) > _OUTSIDE:
-            here, air, water = (float(np.median(series[known])) for series in (T, of_air, of_water))
-            problems.append(
-                f"T_sup is typically {here:.3g} degC, with air entering at {air:.3g} and water at {water:.3g} degC: "
-                "check their units"
-            )
+        checks.append((("T_sup", "T_a_in", "T_w_in"), known, outside, _OUTSIDE))
+    problems = []
+    for names, here, apart, most in checks:
+        if here.any() and np.median(apart[here]) > most:
+            typical = ", ".join(f"{name} {np.median(values[name][here]):.3g}" for name in names)
+            problems.append(f"{log.name}: {typical} degC, as they typically are, do not agree: check their units")
     if problems:
-        raise InputError([f"{log.name}: {problem}" for problem in problems])
+        raise InputError(problems)
 
 
 def answered(command: Array, temperature: Array, T_set: Array, good: Mask, interval: float) -> float:

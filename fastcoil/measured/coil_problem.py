@@ -225,12 +225,7 @@ class CoilProblem:
             for name in ("T_sup", "T_w_out")
             if (values := data.values.get(name)) is not None
         }
-        if data.n_batches > 1:
-            short = data.n_batches - np.unique(data.batch[self.warm]).size
-            self.notes.append(
-                f"{counted(data.n_batches, 'unbroken piece')}, each starting at {record.loop['T_initial']:g} degC, "
-                f"the first {warm_up:g} s of each left out ({short} shorter than that)"
-            )
+        self.notes += of_pieces(data, record.loop, warm_up)
         if "T_w_out" in self.compared and not flowing.all():
             self.notes.append(f"{counted(~flowing, 'sample')} of T_w_out not compared: no water flows")
         compared = self.compared["T_sup"] & self.fitting
@@ -342,6 +337,17 @@ class CoilProblem:
         rank[[*self.held, *needed]] = 0.0
         k = int(np.argmax(rank))
         return k if error[k] > 1.0 and rank[k] > 0.0 else None
+
+
+def of_pieces(data: Log, loop: Loop, warm_up: float) -> list[str]:
+    """A note where the log has more than one unbroken piece."""
+    if data.n_batches == 1:
+        return []
+    short = data.n_batches - np.unique(data.batch[data.since_batch() >= warm_up]).size
+    return [
+        f"{data.n_batches:,} unbroken pieces, each starting at {loop['T_initial']:g} degC, the first {warm_up:g} s of "
+        f"each left out ({short} shorter than that)"
+    ]
 
 
 def require_temperatures(data: Log, compared: Mask, least: int, warm_up: float, notes: list[str]) -> None:

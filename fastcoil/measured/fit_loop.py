@@ -21,7 +21,7 @@ from fastcoil.logs.series import HUMIDITIES, counted
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.coil_problem import in_operation, number_in, on_seconds, require_temperatures
+from fastcoil.measured.coil_problem import in_operation, number_in, of_pieces, on_seconds, require_temperatures
 from fastcoil.measured.fit import Fit, finished, poor, profile_of, rmse_of
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals, why_unidentified
@@ -213,7 +213,7 @@ class LoopProblem:
 
     def __init__(self, data: Log, loop: Loop, warm_up: float, part: Part) -> None:
         require_whole_seconds(data.name, data.step)
-        self.data, self.notes = data, list(data.notes)
+        self.data, self.notes = data, [*data.notes, *of_pieces(data, loop, warm_up)]
         self.loop = loop.assign(**_NEUTRAL)
         self.T_sup, command = data.values["T_sup"], data.values["command"]
         self.fitting = part.fitted(data)
@@ -222,27 +222,20 @@ class LoopProblem:
         require_temperatures(data, self.used, _FEWEST_SAMPLES, warm_up, self.notes)
         self.n_reversals = reversals(command[self.used], data.batch[self.used])
         self.moves = float(np.mean(np.abs(np.diff(command)) > _HELD))
-        self.pieces = self._pieces(warm_up)
+        self.pieces = self._pieces()
 
-    def _pieces(self, warm_up: float) -> list[_Piece]:
+    def _pieces(self) -> list[_Piece]:
         data, found = self.data, []
         values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in")}
         values |= dict.fromkeys(("held", "straight"), data.values["command"])
         values["W_a_in"] = data.humidity_ratio(number_in(self.loop, "pressure"))
-        pieces = unbroken(data.batch)
-        kept = [samples for samples in pieces if self.compared[samples].any()]
-        if len(kept) < len(pieces):
-            self.notes.append(f"{counted(len(pieces) - len(kept), 'piece')} shorter than the warm-up left out")
-        for samples in kept:
+        for samples in unbroken(data.batch):
+            if not self.compared[samples].any():
+                continue
             of_piece = {name: series[samples] for name, series in values.items()}
             series, at = on_seconds(data.time[samples], of_piece, ("held",))
             commands = {runs: series.pop(runs) for runs in ("held", "straight")}
             found.append(_Piece(samples, Boundary(**series, T_set=0.0, enabled=1.0), commands, at))
-        if len(found) > 1:
-            self.notes.append(
-                f"{counted(len(found), 'unbroken piece')}, each starting at {self.loop['T_initial']} degC, the first "
-                f"{warm_up:g} s of each left out"
-            )
         return found
 
     def modelled(self, backlash: Array, runs: str) -> Array:
