@@ -4,6 +4,7 @@ import contextlib
 import math
 import re
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,6 @@ _GROUPED = {
     for mark, others in ((".", ","), (",", "."))
 }
 """A number with separators of thousands, by its decimal mark."""
-_POINT = re.compile(r"\.\d")
 _PLAIN = {
     mark: re.compile(rf"[+-]?(?:\d+{re.escape(mark)}?\d*|{re.escape(mark)}\d+)(?:[eE][+-]?\d+)?", re.ASCII)
     for mark in ".,"
@@ -83,27 +83,20 @@ def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
     points = commas = thousands = 0
     unclear = ""
     columns = list(columns)
-    with_commas = [any("," in cell for cell in cells) for cells in columns]
-    if not any(with_commas):
+    if not any("," in cell for cells in columns for cell in cells):
         return Writing(grouped=True)
-    for cells, has_commas in zip(columns, with_commas, strict=True):
-        if not has_commas:
-            points += any(_POINT.search(cell) and not _ONE_GROUP["."].fullmatch(cell.strip()) for cell in cells)
-            continue
-        for cell in cells:
-            found = _NUMBER.match(cell.strip()) if len(cell) <= MOST_LETTERS else None
-            number = found["number"] if found else ""
-            if "," in number:
-                last = "," if number.rfind(",") > number.rfind(".") else "."
-                if _ONE_GROUP[","].fullmatch(number):
-                    unclear = unclear or number
-                elif last == "." or number.count(",") > 1:
-                    points += 1
-                    thousands += 1
-                else:
-                    commas += 1
-            elif "." in number and not _ONE_GROUP["."].fullmatch(number):
-                points += 1
+    for cell in chain.from_iterable(columns):
+        found = _NUMBER.match(cell.strip()) if len(cell) <= MOST_LETTERS else None
+        number = found["number"] if found else ""
+        if _ONE_GROUP[","].fullmatch(number):
+            unclear = unclear or number
+        elif "," in number and (number.rfind(",") < number.rfind(".") or number.count(",") > 1):
+            points += 1
+            thousands += 1
+        elif "," in number:
+            commas += 1
+        elif "." in number and not _ONE_GROUP["."].fullmatch(number):
+            points += 1
     if commas and points:
         return Writing()
     if commas or (unclear and not points and separator == ";"):

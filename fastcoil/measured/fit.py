@@ -185,11 +185,7 @@ class Fit(Result):
         lines = [f"# {self.kind} fitted to {self.source} by fastcoil", *(f"# {line}" for line in self.summary()[1:])]
         lines += toml_table("loop", self.parameters) + toml_table("fit", of_fit)
         lines += toml_table("fit.rmse", self.rmse, self.unit) + toml_table("fit.standard_error", self.standard_errors)
-        lines += toml_table("fit.interval_95", self.intervals) + toml_table("fit.correlation", {})
-        names = [str(name) for name in self.covariance["parameter"].values]
-        for name, row in zip(names, self.correlation.values, strict=True):
-            cells = (f"{other} = {value:.4f}" for other, value in zip(names, row, strict=True))
-            lines.append(f"{name} = {{ {', '.join(cells)} }}")
+        lines += toml_table("fit.interval_95", self.intervals)
         return as_toml(lines, path)
 
 
