@@ -147,8 +147,6 @@ def by_words(now, p, memory):
 
 
 LOOPS = {
-    "estimator": {"estimator": rules.by_error, "noise_std": 0.05},
-    "law": {"law": rules.own_pi, "backlash_estimate": 0.05},
     "everything": {"estimator": by_all_means, "plant_gain": 12.0},
     "corners": {"estimator": by_corners, "plant_gain": 12.0},
     "words": {"estimator": by_words},
@@ -159,16 +157,7 @@ LOOPS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "everything",
-        "both",
-        "corners",
-        "words",
-        *(pytest.param(name, marks=pytest.mark.full) for name in ("estimator", "law")),
-    ],
-)
+@pytest.mark.parametrize("name", LOOPS)
 @pytest.mark.parametrize("language", WORST)
 def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
     if language == "c" and shutil.which("gcc") is None:
