@@ -54,6 +54,10 @@ def test_a_finished_study_names_its_figures_and_draws_none_again(study):
     before = files(study)
     assert run(study) == NAMES
     assert files(study) == before
+    assert fastcoil("plot", study.with_name("out")).exit_code == 0
+    after = files(study)
+    assert after.keys() == before.keys()
+    assert all(after[name] > before[name] for name in before), "plot draws whatever is there"
 
 
 def test_figures_of_the_smaller_study_are_never_named_once_it_is_extended(study):
@@ -82,15 +86,6 @@ def test_other_figures_of_these_results_are_named_and_stale_ones_are_not(study):
     study.write_text(LARGER)
     assert run(study, "--extend") == NAMES
     assert [p.name for p in stale_figures(out, content(study))] == ["bands.pdf", "iae_backlash.png", "tuning.pdf"]
-
-
-def test_plot_draws_whatever_is_there(study):
-    run(study)
-    before = files(study)
-    assert fastcoil("plot", study.with_name("out")).exit_code == 0
-    after = files(study)
-    assert after.keys() == before.keys()
-    assert all(after[name] > before[name] for name in before)
 
 
 def killed_before_each(study, forked, stride):

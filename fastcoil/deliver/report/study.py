@@ -6,9 +6,9 @@ valves or days, where the study has several; swept values were chosen, so they g
 
 import math
 import shlex
+from collections import Counter
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import FastcoilError
@@ -31,7 +31,7 @@ from fastcoil.deliver.report.page import (
     span,
 )
 from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of, quantity_of_values
-from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_OK
+from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.paired import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.selected import own_metrics
 from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
@@ -47,7 +47,7 @@ _HEADS = {
     "switch_frequency": "mode switches per 10 min",
 }
 _SHOWN = ("rmse", *_HEADS)
-_MOST_NAMES, _MOST_FAILED = 40, 10
+_MOST_NAMES = 40
 
 
 def comparisons(ds: xr.Dataset) -> list[Table]:
@@ -141,21 +141,6 @@ def _label(ds: xr.Dataset, dim: str, k: int) -> str:
     return str(value) if isinstance(value, str) else quantity_of(ds, dim).number(float(value))
 
 
-def failures(ds: xr.Dataset) -> Table | None:
-    """The scenarios that failed, the first of them by their labels; None if there is none."""
-    status = ds["status"]
-    failed = np.argwhere(status.values != STATUS_OK)
-    if not len(failed):
-        return None
-    dims = [str(d) for d in status.dims]
-    rows = []
-    for place in failed[:_MOST_FAILED]:
-        labels = [_label(ds, d, k) if d in ds.coords else str(k) for d, k in zip(dims, place, strict=True)]
-        rows.append([*labels, STATUS_MEANINGS[int(status.values[tuple(place)])]])
-    note = f"{len(rows)} of {len(failed):,} are shown." if len(rows) < len(failed) else ""
-    return Table("Scenarios that failed", [*dims, "status"], rows, note)
-
-
 def metrics(ds: xr.Dataset) -> Table:
     """Every metric of a single scenario that is known, with its unit."""
     rows = []
@@ -174,17 +159,15 @@ def study_page(folder: Path) -> Page:
     """The report of the finished study in a folder; raises as ``open_finished``."""
     ds = open_finished(folder)
     billing, unread = _billing(folder, ds)
-    failed = failures(ds)
-    n_failed = int((ds["status"].values != STATUS_OK).sum())
     warnings = [unread] if unread else []
+    counts = Counter(ds["status"].values[ds["status"].values != STATUS_OK].tolist())
+    n_failed = counts.total()
     if n_failed:
-        crashed = int((ds["status"].values == STATUS_CRASHED).sum())
-        also = f", {crashed:,} of them for their worker crashed" if crashed else ""
-        warnings.insert(
-            0, f"{n_failed:,} of {ds['status'].size:,} scenarios failed{also}. They are in no number of this page."
-        )
+        why = ", ".join(f"{n:,} {STATUS_MEANINGS[code]}" for code, n in sorted(counts.items()))
+        failed = f"{n_failed:,} of {ds['status'].size:,} scenarios failed ({why})"
+        warnings.insert(0, f"{failed}. They are in no number of this page; status in results.nc says which they are.")
     title = str(ds.attrs["title"])
-    sections = [Section("Failed scenarios", [failed] if failed else [])]
+    sections: list[Section] = []
     answer = ["Every scenario failed: there is no answer."]
     if n_failed < ds["status"].size:
         warnings += cautions(ds)

@@ -65,18 +65,6 @@ def test_a_figure_carries_the_hash_of_its_results_which_no_title_can_fake(figure
     assert files.origin(plain) is None
 
 
-def test_whatever_bytes_follow_the_hash(tmp_path):
-    """A checksum does in a PNG; its first byte is any, also a hexadecimal digit."""
-    follow = set()
-    for k in range(24):
-        digest = f"{k:064x}"
-        (path,) = files.write({"drawn": Figure(figsize=(0.1, 0.1))}, tmp_path, dpi=50, drawn_from=digest)
-        assert files.origin(path) == digest
-        data = path.read_bytes()
-        follow.add(data[data.index(digest.encode()) + 64 :][:1])
-    assert follow & set(map(bytes, zip(b"0123456789abcdef", strict=True)))
-
-
 def test_figures_of_other_results_are_stale_and_those_that_do_not_say_are_neither(figure, tmp_path):
     folder = tmp_path / "figures"
     for name, drawn_from in (("mine", ONE), ("old", OTHER), ("unknown", None)):
