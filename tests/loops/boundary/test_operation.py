@@ -50,17 +50,6 @@ def test_trim_and_respond_is_that_of_the_guideline_zone_by_zone(trim, spread):
     assert max(expected) > 17.0
 
 
-def test_without_requests_the_top_is_trimmed_up_and_with_many_it_falls_by_the_most():
-    quiet = request_limits(np.zeros((40, 5)), 24.0, 13.0)
-    loud = request_limits(np.full((40, 5), 1.5), 24.0, 13.0)
-    flat = np.zeros(40)
-    assert (trim_and_respond(GUIDELINE, flat, quiet) == 18.0).all()
-    falls = trim_and_respond(GUIDELINE, flat, loud)
-    np.testing.assert_allclose(falls[:5], 18.0)  # 10 min are five steps of 2 min
-    np.testing.assert_allclose(falls[5:15], 18.0 - 0.5 * np.arange(1, 11))
-    assert (falls[15:] == 13.0).all()
-
-
 def test_zones_of_equal_load_take_what_the_load_needs():
     """Flow times temperature difference is the load, between the least and the full flow."""
     loads, T_set = np.array([[0.2] * 4, [0.5] * 4, [0.5] * 4, [0.9] * 4]), np.array([13.0, 13.0, 18.0, 18.0])
