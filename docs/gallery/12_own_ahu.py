@@ -30,7 +30,7 @@ columns["T_sup [degC]"] = ds.T_sup + rng.normal(0, 0.05, 21600)
 pd.DataFrame(columns)[::10].to_csv("log.csv", index=False)
 
 # %%
-# The valve, and the hysteresis that reveals its backlash:
+# The valve, measured and fitted:
 
 valve = fc.fit_valve("log.csv")
 valve.plot()

@@ -66,9 +66,7 @@ def test_thousands_of_unknown_columns_take_no_minutes(write):
     assert max(map(len, found)) < 500
 
 
-@pytest.mark.parametrize(
-    "header", ["x" * 100_000, "T_set [" + "C" * 100_000 + "]", "a" + " " * 100_000 + "b", "[" * 100_000]
-)
+@pytest.mark.parametrize("header", ["T_set [" + "C" * 100_000 + "]", "a" + " " * 100_000 + "b", "[" * 100_000])
 def test_a_header_without_end_is_cut_and_takes_no_minutes(write, header):
     path = write([*HEADER[:-1], header], [[60 * k, *ROW] for k in range(3)])
     start = time.monotonic()
