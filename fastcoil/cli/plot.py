@@ -125,10 +125,6 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
             f"{unlike[0]}: the plain PI and other controllers would be pooled in one median: select one with --at "
             f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
         )
-    left = part.sizes[by] - len(rows_of(part, by)) if by else 0
-    if left:
-        rows = ", ".join(words for _, words in rows_of(part, by))
-        say(f"Rows: {rows}.  Left out: {left} of {part.sizes[by]} labels; choose with --at {by}=LABEL.", err=True)
     if by and not asked.metrics:
         metrics = metrics[: panels_abreast(asked.width)]
     if asked.y:
