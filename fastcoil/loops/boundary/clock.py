@@ -54,7 +54,8 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
         start = start.to_numpy()
     named = {name: one for name, one in named.items() if one}
     _refuse(differing("the time zone {}", named, "convert to one zone"))
-    several = start if isinstance(start, (list, tuple, np.ndarray)) and np.ndim(start) else [start]
+    is_list = isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim)
+    several = start if is_list else [start]
     times = [_time_of(one[()] if isinstance(one, np.ndarray) else one) for one in several]
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
