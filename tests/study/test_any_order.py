@@ -99,8 +99,10 @@ class AStudyInItsFolder(RuleBasedStateMachine):
         (self.folder / "shards" / name).write_text("foreign")
 
     @precondition(lambda self: self.recorded == self.text)
+    @precondition(lambda self: self.complete or not (self.folder / "results.nc").exists())
     @rule(name=st.sampled_from(["run.json", "study.toml"]))
     def lose_a_file(self, name):
+        """Not while the results are still those of a smaller study: without run.json they are refused."""
         (self.folder / name).unlink(missing_ok=True)
         # the extension of an unfinished study needs both files: first the same study again
         self.run()

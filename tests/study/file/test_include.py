@@ -135,9 +135,9 @@ def test_two_files_to_a_study_of_that_ahu(fastcoil, logs):
     ("words", "sentence"),
     [
         (["fit", "valve", "no.csv"], "no.csv does not exist: give a CSV file"),
-        (["fit", "valve", "bad.csv"], "bad.csv: m_w is blank in row 3"),
+        (["fit", "valve", "bad.csv"], "bad.csv: m_w = '' in row 3: give a number"),
         (["fit", "valve", "bad.csv", "-o", "no/valve.toml"], "-o no/valve.toml: give a file NAME.toml"),
-        (["fit", "valve", "bad.csv", "--validate", "no.csv"], "bad.csv: m_w is blank in row 3"),
+        (["fit", "valve", "bad.csv", "--validate", "no.csv"], "bad.csv: m_w = '' in row 3: give a number"),
         (["fit", "valve", "bad.csv", "--column", "m_w"], "--column m_w: give NAME=VALUE"),
         (["fit", "coil", "bad.csv"], "m_a is missing"),
         (["fit", "coil", "bad.csv", "--constant", "m_a=x"], "--constant m_a=x: give a number"),
