@@ -1,18 +1,22 @@
 """Whether the columns of a log agree: temperatures of one air stream in one unit, a command that answers them."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
-from fastcoil.measured.fitted_plant import regressed_pi
+from fastcoil.measured.fitted_plant import EDGE, LEAST_PI_ROWS
+from fastcoil.measured.grid import all_good
 
 _FROM_SET_POINT, _OUTSIDE = 15.0, 10.0
 """K by which T_sup may typically lie off T_set with the valve in control, and outside of entering air and water."""
-_OVER, _LATEST = 120.0, 30.0  # s
-LEAST_ANSWERED = 0.9
-"""Share of the command's changes over two minutes that a PI of the temperature explains, at the best of delays to 30 s.
-Of 66 simulated loops whose gap is claimed two have less; of those with another loop's temperature 2 % have more."""
+_OVER, _AFTER_SET_POINT = 120.0, 300.0  # s
+FARTHEST = 180.0  # s by which the clocks of two columns may differ
+_USUAL, _CLEARER = 0.9, 2.0
+LEAST_ANSWERED = 0.95
+"""Share of the variance of the command's changes that the PI of its own temperature explains, at least."""
 
 
 def require_agreement(log: Log) -> None:
@@ -37,17 +41,46 @@ def require_agreement(log: Log) -> None:
         raise InputError(problems)
 
 
-def answered(command: Array, temperature: Array, T_set: Array, good: Mask, interval: float) -> float:
-    """Share of the command's changes over two minutes that a PI of the temperature explains; 1 if there are too few."""
-    width = max(1, round(_OVER / interval))
-    error = np.where(good, temperature - T_set, 0.0)
+class Law(NamedTuple):
+    """The PI that a command implies: how much of the command it explains, and the clock on which it does so."""
+
+    late: int  # samples by which the temperature stands late beside the command; negative: early
+    share: float  # of the variance of the command's changes; NaN if too few can be compared
+
+
+def implied_law(command: Array, temperature: Array, T_set: Array, good: Mask, interval: float) -> Law:
+    """How well a PI of the temperature explains the command, at the shift of the clock that explains it best.
+
+    Changes over two minutes are regressed on those of the error and its integral.  A while after each change of the
+    set-point is left out: every loop of one schedule answers that alike.  So is the worst tenth, where the command was
+    overridden.
+    """
+    width, farthest = max(1, round(_OVER / interval)), int(FARTHEST / interval)
+    changed = np.flatnonzero(np.diff(T_set) != 0.0) + 1
+    apart = np.zeros(good.size + 1, dtype=int)
+    np.add.at(apart, changed, 1)
+    np.add.at(apart, np.minimum(changed + int(_AFTER_SET_POINT / interval) + 1, good.size), -1)
+    compared = good & (np.cumsum(apart[:-1]) == 0)
+    error = np.where(compared, temperature - T_set, 0.0)
     total = np.concatenate([[0.0], np.cumsum(interval * error)])
-    bad = np.concatenate([[0], np.cumsum(~good)])
-    shares = []
-    for lag in range(int(_LATEST / interval) + 1):
-        first = np.arange(lag, command.size - width)
-        first = first[bad[first + width + 1] == bad[first - lag]]
-        integral = total[first - lag + width + 1] - total[first - lag + 1]
-        fit = regressed_pi(command, np.roll(error, lag), first, first + width, integral)
-        shares += [] if fit is None else [fit.explained]
-    return max(shares, default=1.0)
+    first = np.arange(farthest, max(command.size - width - farthest, farthest))
+    first = first[all_good(compared, first - farthest, first + width + farthest)]
+    ends = np.stack([command[first], command[first + width]])
+    first = first[(ends.min(axis=0) > EDGE) & (ends.max(axis=0) < 1.0 - EDGE)]
+    moved = command[first + width] - command[first]
+    if first.size < LEAST_PI_ROWS or not np.any(moved):
+        return Law(0, np.nan)
+    left = {}
+    for late in sorted(range(-farthest, farthest + 1), key=abs):
+        at = first + late
+        X = np.stack([error[at + width] - error[at], total[at + width + 1] - total[at + 1], np.ones(at.size)], axis=1)
+        usual = np.ones(at.size, dtype=bool)
+        for _ in range(2):
+            solved = np.linalg.lstsq(X[usual], moved[usual], rcond=None)[0]
+            rest = moved - X @ solved
+            usual = np.abs(rest) <= np.quantile(np.abs(rest), _USUAL)
+        variance = float(np.sum((moved[usual] - moved.mean()) ** 2))
+        left[late] = float(np.sum(rest[usual] ** 2)) / max(variance, 1e-300)
+    best = min(left, key=lambda late: left[late])
+    late = best if _CLEARER * left[best] < left[0] else 0
+    return Law(late, 1.0 - left[late])

@@ -22,6 +22,8 @@ _FIRST_OF_TEN, _ROUNDED, _ALIKE = 0.1, 0.05, 2.0
 _LEAST, _MOST = 1.0, 10.0  # interval between the samples made of an irregular log, s
 _SLOWEST = 3600.0  # s between samples; a log that is slower shows nothing of a loop
 _LONGEST_SILENCE = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
+_FINE, _IN_PLACE, _ROUND_OFF = 30.0, 0.95, 1e-9
+"""Filled-in values matter where logged ones are farther apart than so many s; so many bends are at the same place."""
 MOST_SAMPLES = 200_000  # of the part that is diagnosed: 11 days of a log every 5 s
 
 
@@ -68,7 +70,44 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
     changes = (
         f"the samples come at irregular times: every series holds until its next one, taken every {interval:.4g} s"
     )
-    return _filled(log, at, interval, is_regular, same), [] if is_regular else [changes]
+    grid = _filled(log, at, interval, is_regular, same)
+    if not is_regular:
+        return grid, [changes]
+    return _thinned(grid)
+
+
+def _thinned(grid: Grid) -> tuple[Grid, list[str]]:
+    """Only the samples that were logged, where those between them were filled in; and a note of it."""
+    every = {name: logged_every(grid.values[name]) for name in ("command", "T_sup")}
+    width = max(step for step, _ in every.values())
+    if width * grid.interval <= _FINE:
+        return grid, []
+    name = "T_sup" if every["T_sup"][0] > 1 else "command"
+    at = slice(every[name][1], None, width)
+    seconds = width * grid.interval
+    note = f"{name} has a value of its own every {seconds:.4g} s only, those between are filled in: only its own count"
+    values = {column: series[at] for column, series in grid.values.items()}
+    return Grid(seconds, grid.time[at], values, grid.on[at], grid.increment), [note]
+
+
+def logged_every(series: Array) -> tuple[int, int]:
+    """At which samples a series has values of its own: every how many, and the first of them; (1, 0) for all.
+
+    Between them it holds or runs straight, so that it bends at the same place of each so many samples.
+    """
+    known = np.where(np.isfinite(series), series, 0.0)
+    apart = np.diff(np.unique(known))
+    resolution = float(apart.min()) if apart.size else 0.0
+    changes = np.flatnonzero(np.diff(known) != 0.0) + 1
+    bends = np.flatnonzero(np.abs(np.diff(known, 2)) > 1.5 * resolution + _ROUND_OFF) + 1
+    for width in range(known.size // LEAST_SAMPLES, 1, -1):
+        for events in (changes, bends):
+            if events.size < 0.5 * known.size / width:
+                continue
+            places = np.bincount(events % width, minlength=width)
+            if places.max() >= _IN_PLACE * events.size and events.size >= LEAST_SAMPLES:
+                return width, int(places.argmax())
+    return 1, 0
 
 
 def _rhythm(log: Log, forward: Array, same: Mask) -> tuple[float, bool]:

@@ -13,13 +13,15 @@ the command alone predicts the temperature, and a candidate of 0 is its opening.
 coefficients of its own; then only what the play operator changes counts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.measured.agreement import LEAST_ANSWERED, implied_law
 from fastcoil.measured.grid import all_good, held, mean_openings, motor_positions
+from fastcoil.measured.measures import in_control
 from fastcoil.measured.part import turns
 
 LEAST_SET_POINT_CHANGE, LEAST_SET_POINT_CHANGES = 0.3, 2
@@ -140,7 +142,7 @@ class Likelihood(NamedTuple):
 
 
 def likelihoods(
-    temperature: Array, positions: Array, disturbances: Sequence[Array], good: Mask, interval: float, candidates: Array
+    temperature: Array, positions: Array, disturbances: Iterable[Array], good: Mask, interval: float, candidates: Array
 ) -> Likelihood | None:
     """Compare candidate sizes of the backlash, fractions of stroke from 0; None if the log is too short.
 
@@ -220,6 +222,9 @@ LEAST_TURN = 0.005
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
 LONGEST_INTERVAL = 60.0
+SHIFTS, MOST_SHIFTED, LEAST_FORWARD = (60.0, 120.0, 180.0), 20.0, 10.0
+"""Seconds by which the command is moved to see whether it explains the temperature better at another time; by how much
+the logarithm of the likelihood may rise, and by how much it has to exceed that of the log read backwards."""
 MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
 """Share of the samples at which the command may move back what it moved the sample before; the share of the likelihood
 that counts of a log with more."""
@@ -243,14 +248,14 @@ class Identification(NamedTuple):
 def identify_backlash(
     command: Array, temperature: Array, interval: float, T_set: Array | None = None,
     disturbances: tuple[Array, ...] = (), enabled: Mask | None = None, stroke_time: float | None = None,
-    sample_time: float | None = None,
+    sample_time: float | None = None, lag: float | None = None,
 ) -> Identification:  # fmt: skip
     """Identify the backlash of a valve from a trend log, a sample every ``interval`` s.
 
     command, temperature: (n,), fraction of stroke, °C; NaN where missing.  T_set: °C, if the log has it.  disturbances:
     what else the log has that moves the temperature: air flow, entering air temperature.  enabled: whether the plant
     was on; all of it if None.  stroke_time: of the motor, s; 90 if None, 0 if it is as good as immediate.  sample_time:
-    of the controller, s, if known.
+    of the controller, s, if known.  lag: by which the temperature is known to be logged late, s; found if None.
     """
     command, temperature = np.asarray(command, float), np.asarray(temperature, float)
     good = np.isfinite(command) & np.isfinite(temperature)
@@ -266,31 +271,73 @@ def identify_backlash(
     positions = motor_positions(command, interval, stroke_time)
     if turns(positions, LEAST_TURN) == 0:
         return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
-    samples = late(command, temperature, good)
-    found = []
+    if T_set is None:
+        samples, share = late(command, temperature, good), 1.0
+    else:
+        known = good & np.isfinite(T_set)
+        samples, share = implied_law(command, temperature, held(np.asarray(T_set, float)), known, interval)
+    samples = samples if lag is None else round(lag / interval)
+    series = np.stack([temperature, *disturbances])
+
+    def compared(moved: int, ends: int = 0, way: int = 1) -> Likelihood | None:
+        """With the temperature moved to so many samples earlier; without some at both ends; backwards if way is -1."""
+        at = slice(max(-moved, 0) + ends, n - max(moved, 0) - ends)
+        seen = slice(max(moved, 0) + ends, n - max(-moved, 0) - ends)
+        motor = motor_positions(command[at][::way], interval, stroke_time)
+        measured = series[:, seen][:, ::way]
+        return likelihoods(measured[0], motor, measured[1:], (good[at] & good[seen])[::way], interval, CANDIDATES)
+
     # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
-    for moved in (samples,) if samples >= 0 else (0, samples):
-        at, seen = slice(max(-moved, 0), n - max(moved, 0)), slice(max(moved, 0), n - max(-moved, 0))
-        motor = motor_positions(command[at], interval, stroke_time)
-        measured = tuple(np.asarray(series, float)[seen] for series in disturbances)
-        both = good[at] & good[seen]
-        found.append(likelihoods(temperature[seen], motor, measured, both, interval, CANDIDATES))
-    if not any(found):
+    found = [one for moved in ((0, samples) if samples < 0 and lag is None else (samples,)) if (one := compared(moved))]
+    if not found:
         return _cannot("too little of the log can be used, or its temperature stands still: log for two hours or more")
     provoked = is_provoked(command, temperature, good, T_set, interval)
     unseen = sample_time is None or sample_time < interval
     in_step = sample_time is not None and not unseen and (sample_time / interval) % 1.0 < 1e-6
     doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
-    jumpy = share_to_and_fro(command, good) > MOST_TO_AND_FRO
+    jumpy = share_to_and_fro(command, in_control(command, good, interval)) > MOST_TO_AND_FRO
     counts *= JUMPY_COUNTS if jumpy else 1.0
-    if jumpy and not (provoked and in_step):
+    if share < LEAST_ANSWERED:
+        doubt = (
+            f"a PI of this temperature explains only {100 * share:.0f} % of the command's changes: check that both are "
+            "of one loop and one clock; a loop under another law gives no size"
+        )
+    elif jumpy and not (provoked and in_step):
         doubt = (
             "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
             "as often as the controller acts, say its sample time, and change the set-point up and down"
         )
+    elif provoked and lag is None and (misplaced := _misplaced(compared, samples, interval)):
+        doubt = misplaced
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
-    return _judged([one for one in found if one], provoked, doubt, counts)._replace(late=samples * interval)
+    return _judged(found, provoked, doubt, counts)._replace(late=samples * interval)
+
+
+def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: int, interval: float) -> str:
+    """Whether the command explains the temperature of another time as well, in words; empty if it does not.
+
+    It can be told only where something else than the temperature moved the command.
+    """
+    ends = int(SHIFTS[-1] / interval) + abs(samples)
+
+    def evidence(moved: int, way: int = 1) -> float:
+        found = compared(moved, ends - abs(moved), way)
+        return float(found.plain.max()) if found else 0.0
+
+    here = evidence(samples)
+    if evidence(samples, -1) > here - LEAST_FORWARD:
+        return (
+            "the log explains itself backwards as well: check that the command moves this valve, and that the rows are "
+            "in the order of time"
+        )
+    for shift in SHIFTS:
+        if evidence(samples - round(shift / interval)) > here + MOST_SHIFTED:
+            return (
+                f"the temperature answers a command logged {shift:g} s after it even better: check the clocks of both "
+                "points, or give the lag between them (lag, --lag)"
+            )
+    return ""
 
 
 def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: float) -> Identification:
