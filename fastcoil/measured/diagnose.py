@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, number_of
+from fastcoil.base.errors import InputError
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
@@ -14,8 +15,8 @@ from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import cause_of, predictions_of
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.fitted_loop import fit_loop_model
-from fastcoil.measured.grid import Grid, on_grid
-from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, identify_backlash
+from fastcoil.measured.grid import Grid, in_a_row, on_grid
+from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backlash_of, shown_by
 from fastcoil.measured.measures import Measures, measures_of
 
 _WANTED = Wanted(
@@ -47,7 +48,8 @@ def diagnose(
     Parameters
     ----------
     log
-        CSV file, DataFrame or Dataset.  Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
+        CSV file, DataFrame or Dataset; or a list of them, days of one valve at one interval, whose evidence is added.
+        Needed: ``command`` (1, percent, deg of 90, V of 10), ``T_sup`` (°C, °F, K),
         and ``elapsed_time`` or ``timestamp``; of a Dataset of ``fc.simulate``, ``T_measured`` is taken if it is there.
         Optional: ``T_set``, without which no cause can be given; ``m_a`` and ``T_a_in``, air flow and entering air,
         with which smaller gaps show; ``enabled``, 0 where the plant is off.
@@ -71,17 +73,23 @@ def diagnose(
         With one sentence for each mistake in the log or the arguments.
     """
     with checking() as check:
-        log = check(log_of, "log", log)
+        logs = [check(log_of, "log", one) for one in (log if isinstance(log, (list, tuple)) else [log])]
         stroke_time = check.unless_none(_seconds_of, "stroke_time", stroke_time, 0.0)
         sample_time = check.unless_none(_seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
         lag = check.unless_none(_seconds_of, "lag", lag, -_LONGEST)
         how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-    if hasattr(log, "data_vars") and "T_measured" in log and "T_sup" not in (columns or {}):
-        log = log.assign(T_sup=log["T_measured"])
-    data = read_log(log, _WANTED, how)
-    require_agreement(data)
-    grid, notes = on_grid(data)
+    if not logs:
+        raise InputError("log = []: give a log, or a list of logs of one valve")
+    names, grids, notes = [], [], []
+    for one in logs:
+        data = read_log(_measured(one) if "T_sup" not in (columns or {}) else one, _WANTED, how)
+        require_agreement(data)
+        grid, of_grid = on_grid(data)
+        names.append(data.name)
+        grids.append(grid)
+        notes += [note for note in (*data.notes, *of_grid) if note not in notes]
+    grid = grids[0] if len(grids) == 1 else in_a_row(grids)
     values, interval = grid.values, grid.interval
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     found, measures = identified(grid, seconds, sample_time, lag)
@@ -113,7 +121,7 @@ def diagnose(
         )
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return Diagnosis(
-        source=data.name,
+        source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
         backlash=found.backlash,
         interval=(found.low, found.high),
         identified=found.identified,
@@ -133,8 +141,13 @@ def diagnose(
         ),
         predictions=None if doubt or isinstance(loop, str) else predictions_of(loop, cause.name),
         signals=_signals(grid, measures),
-        notes=[*data.notes, *notes],
+        notes=notes,
     )
+
+
+def _measured(log: Any) -> Any:
+    """A Dataset of ``fc.simulate`` with the temperature that its controller read."""
+    return log.assign(T_sup=log["T_measured"]) if hasattr(log, "data_vars") and "T_measured" in log else log
 
 
 def _seconds_of(name: str, value: Any, least: float) -> float:
@@ -145,12 +158,16 @@ def identified(
     grid: Grid, stroke_time: float, sample_time: float | None = None, lag: float | None = None
 ) -> tuple[Identification, Measures]:
     """The backlash as far as a log may claim it, and what it shows before any model; times in s."""
-    values, measures = grid.values, measures_of(grid, stroke_time)
-    found = identify_backlash(
-        values["command"], values["T_sup"], grid.interval, values.get("T_set"),
-        tuple(values[name] for name in ("m_a", "T_a_in") if name in values), grid.on, stroke_time, sample_time, lag,
-    )  # fmt: skip
-    return _doubted(found, grid, measures), measures
+    days = []
+    for day in grid.days():
+        values = {name: series[day] for name, series in grid.values.items()}
+        inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
+        days.append(
+            shown_by(values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, grid.on[day],
+                     stroke_time, sample_time, lag)
+        )  # fmt: skip
+    measures = measures_of(grid, stroke_time)
+    return _doubted(backlash_of(days), grid, measures), measures
 
 
 def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identification:

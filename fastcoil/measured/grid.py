@@ -3,9 +3,12 @@
 Values are missing where the log is silent, and held where it has changes only.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
@@ -20,6 +23,7 @@ _REGULAR, _NEARLY = 0.8, 0.25
 _FIRST_OF_TEN, _ROUNDED, _ALIKE = 0.1, 0.05, 2.0
 """Of the changes of a temperature logged at changes, half are below twice the smallest tenth."""
 _LEAST, _MOST = 1.0, 10.0  # interval between the samples made of an irregular log, s
+_DAY = 86400.0
 _SLOWEST = 3600.0  # s between samples; a log that is slower shows nothing of a loop
 _LONGEST_SILENCE = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
 _FINE, _IN_PLACE, _ROUND_OFF = 30.0, 0.95, 1e-9
@@ -35,6 +39,16 @@ class Grid(NamedTuple):
     values: dict[str, Array]  # by name, (n,), NaN where missing
     on: Mask  # whether the plant was on and the log there, (n,)
     increment: float  # by which the temperature had to change to be logged, K; 0 where it was logged anyway
+    starts: tuple[int, ...] = (0,)  # first sample of each log that was joined
+
+    def days(self) -> list[slice]:
+        """The samples of each day, of 24 h at most from the start of a log; shorter rests belong to the day before."""
+        ends = (*self.starts[1:], self.on.size)
+        a_day, days = round(_DAY / self.interval), []
+        for first, end in zip(self.starts, ends, strict=True):
+            cuts = [*range(first, max(end - a_day // 2, first + 1), a_day), end]
+            days += [slice(*pair) for pair in pairwise(cuts)]
+        return days
 
 
 def on_grid(log: Log) -> tuple[Grid, list[str]]:
@@ -80,7 +94,7 @@ def _thinned(grid: Grid) -> tuple[Grid, list[str]]:
     """Only the samples that were logged, where those between them were filled in; and a note of it."""
     every = {name: logged_every(grid.values[name]) for name in ("command", "T_sup")}
     width = max(step for step, _ in every.values())
-    if width * grid.interval <= _FINE:
+    if width == 1 or width * grid.interval <= _FINE:
         return grid, []
     name = "T_sup" if every["T_sup"][0] > 1 else "command"
     at = slice(every[name][1], None, width)
@@ -88,6 +102,31 @@ def _thinned(grid: Grid) -> tuple[Grid, list[str]]:
     note = f"{name} has a value of its own every {seconds:.4g} s only, those between are filled in: only its own count"
     values = {column: series[at] for column, series in grid.values.items()}
     return Grid(seconds, grid.time[at], values, grid.on[at], grid.increment), [note]
+
+
+def in_a_row(grids: Sequence[Grid]) -> Grid:
+    """The logs of several days one after the other, with a silence between them."""
+    if len({round(grid.interval, 3) for grid in grids}) > 1:
+        found = ", ".join(f"{interval:.4g} s" for interval in sorted({grid.interval for grid in grids}))
+        raise InputError(f"the logs have a sample every {found}: give logs of one interval")
+    interval = grids[0].interval
+    silence = int(np.ceil(_LONGEST_SILENCE / interval))
+    sizes = [grid.on.size + silence for grid in grids]
+
+    def joined(parts: Iterable[NDArray[Any]], between: Any) -> NDArray[Any]:
+        rows = [np.concatenate([part, np.full(silence, between, dtype=part.dtype)]) for part in parts]
+        return np.concatenate(rows)[:-silence]
+
+    names = set.intersection(*(set(grid.values) for grid in grids))
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    return Grid(
+        interval,
+        interval * np.arange(float(sum(sizes) - silence)),
+        {name: joined([grid.values[name] for grid in grids], np.nan) for name in grids[0].values if name in names},
+        joined([grid.on for grid in grids], False),
+        max(grid.increment for grid in grids),
+        tuple(starts.tolist()),
+    )
 
 
 def logged_every(series: Array) -> tuple[int, int]:

@@ -13,8 +13,9 @@ the command alone predicts the temperature, and a candidate of 0 is its opening.
 coefficients of its own; then only what the play operator changes counts.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -210,9 +211,9 @@ def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
 CANDIDATES = np.arange(0.0, 0.2501, 0.0025)  # sizes that are tried, fractions of stroke
 SURE = 0.95  # probability of being right from which a size counts as identified
 CONFIDENCE = 0.95  # of the interval
-WEIGHT, WEIGHT_REACTION = 0.8, 0.3
-"""Share of the log-likelihood that counts, without and with the reaction: residuals are neither independent nor
-normal.  Chosen on separate populations, see ``studies/diagnosis/diagnosis.py``."""
+WEIGHT, WEIGHT_REACTION, WEIGHT_POOLED = 0.8, 0.3, 0.4
+"""Share of the log-likelihood that counts, without and with the reaction, and with it where days are pooled: residuals
+are neither independent nor normal.  Chosen on separate populations, see ``studies/diagnosis/diagnosis.py``."""
 TOLERANCE, GOOD = 0.2, 0.01
 """A size is known if it is right to this share of itself or of the stroke; up to ``GOOD`` a valve is called good."""
 LEAST_ODDS = 300.0
@@ -245,12 +246,49 @@ class Identification(NamedTuple):
     Negative: the commands stand late, or their controller is slow to read; both were reckoned with."""
 
 
-def identify_backlash(
+class Shown(NamedTuple):
+    """What one day of a log shows of the backlash."""
+
+    found: list[Likelihood]  # of each way in which the columns may fit in time; none where nothing can be compared
+    provoked: bool = False  # whether something else than the temperature moved the command
+    doubt: str = ""  # why nothing may be claimed of this day, if so
+    counts: float = 1.0  # share of the likelihood that counts, less where the valve moves between the samples
+    late: float = 0.0
+
+
+def identify_backlash(*log: Any, **known: Any) -> Identification:
+    """Identify the backlash of a valve from a trend log; the arguments are those of ``shown_by``."""
+    return backlash_of([shown_by(*log, **known)])
+
+
+def backlash_of(days: Sequence[Shown]) -> Identification:
+    """The backlash of a valve from what each of its days shows: one gap, a plant of its own every day.
+
+    Days with a doubt do not count where others have none.
+    """
+    compared = [day for day in days if day.found and not day.doubt] or [day for day in days if day.found]
+    if not compared:
+        return _cannot(_most_frequent([day.doubt for day in days]))
+    steady = WEIGHT_REACTION if len(compared) == 1 else WEIGHT_POOLED
+    logarithm = np.zeros(CANDIDATES.size)
+    for day in compared:
+        of_ways = [day.counts * (WEIGHT * one.plain if day.provoked else steady * one.reaction) for one in day.found]
+        logarithm += np.logaddexp.reduce([way - np.logaddexp.reduce(way) for way in of_ways])
+    probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
+    found = _judged(probability, any(day.provoked for day in compared), _most_frequent([day.doubt for day in compared]))
+    return found._replace(late=_most_frequent([day.late for day in compared]))
+
+
+def _most_frequent(of_days: Sequence[Any]) -> Any:
+    return Counter(of_days).most_common(1)[0][0]
+
+
+def shown_by(
     command: Array, temperature: Array, interval: float, T_set: Array | None = None,
     disturbances: tuple[Array, ...] = (), enabled: Mask | None = None, stroke_time: float | None = None,
     sample_time: float | None = None, lag: float | None = None,
-) -> Identification:  # fmt: skip
-    """Identify the backlash of a valve from a trend log, a sample every ``interval`` s.
+) -> Shown:  # fmt: skip
+    """What a trend log with a sample every ``interval`` s shows of the backlash of its valve.
 
     command, temperature: (n,), fraction of stroke, °C; NaN where missing.  T_set: °C, if the log has it.  disturbances:
     what else the log has that moves the temperature: air flow, entering air temperature.  enabled: whether the plant
@@ -263,14 +301,16 @@ def identify_backlash(
         good &= np.isfinite(series)
     good = good if enabled is None else good & np.asarray(enabled, bool)
     if interval > LONGEST_INTERVAL:
-        return _cannot(f"the log has a sample every {interval:.4g} s only: log every {HORIZON:g} s or faster")
+        return Shown([], doubt=f"the log has a sample every {interval:.4g} s only: log every {HORIZON:g} s or faster")
     if not good.any():
-        return _cannot("no sample has both a command and a temperature with the plant on")
+        return Shown([], doubt="no sample has both a command and a temperature with the plant on")
     stroke_time = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     command, temperature, n = held(command), held(temperature), command.size
     positions = motor_positions(command, interval, stroke_time)
     if turns(positions, LEAST_TURN) == 0:
-        return _cannot("the command never turns back, and a gap shows at turns only: change the set-point up and down")
+        return Shown(
+            [], doubt="the command never turns back, and a gap shows at turns only: change the set-point up and down"
+        )
     if T_set is None:
         samples, share = late(command, temperature, good), 1.0
     else:
@@ -290,7 +330,9 @@ def identify_backlash(
     # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
     found = [one for moved in ((0, samples) if samples < 0 and lag is None else (samples,)) if (one := compared(moved))]
     if not found:
-        return _cannot("too little of the log can be used, or its temperature stands still: log for two hours or more")
+        return Shown(
+            [], doubt="too little of the log can be used, or its temperature stands still: log for two hours or more"
+        )
     provoked = is_provoked(command, temperature, good, T_set, interval)
     unseen = sample_time is None or sample_time < interval
     in_step = sample_time is not None and not unseen and (sample_time / interval) % 1.0 < 1e-6
@@ -311,7 +353,7 @@ def identify_backlash(
         doubt = misplaced
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
-    return _judged(found, provoked, doubt, counts)._replace(late=samples * interval)
+    return Shown(found, provoked, doubt, counts, samples * interval)
 
 
 def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: int, interval: float) -> str:
@@ -340,19 +382,12 @@ def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: 
     return ""
 
 
-def _judged(found: Sequence[Likelihood], provoked: bool, doubt: str, counts: float) -> Identification:
+def _judged(probability: Array, provoked: bool, doubt: str) -> Identification:
     """The most probable size and whether it may be claimed.
 
-    found: of each way in which the columns may fit in time.  provoked: whether something else than the temperature
-    moved the command.  If nothing did, the command itself gets coefficients of its own, and a good valve is never
-    claimed: a stem that stands still looks the same.  doubt: why nothing may be claimed of this log, if so.  counts:
-    share of the likelihood that counts, less where the controller moves the valve between the samples.
+    Where nothing but the temperature moved the command, the command itself has coefficients of its own, and a good
+    valve is never claimed: a stem that stands still looks the same.
     """
-    probability = np.zeros(CANDIDATES.size)
-    for one in found:
-        likelihood = counts * (WEIGHT * one.plain if provoked else WEIGHT_REACTION * one.reaction)
-        of_one = np.exp(likelihood - likelihood.max())
-        probability += of_one / of_one.sum() / len(found)
     right = np.abs(CANDIDATES[:, np.newaxis] - CANDIDATES) <= np.maximum(TOLERANCE * CANDIDATES, GOOD) + 1e-9
     surely = right @ probability
     best = int(probability.argmax())
