@@ -48,6 +48,9 @@ class Law(NamedTuple):
     share: float  # of the variance of the command's changes; NaN if too few can be compared
 
 
+NO_LAW = Law(0, np.nan)
+
+
 def implied_law(command: Array, temperature: Array, T_set: Array, good: Mask, interval: float) -> Law:
     """How well a PI of the temperature explains the command, at the shift of the clock that explains it best.
 
@@ -69,7 +72,7 @@ def implied_law(command: Array, temperature: Array, T_set: Array, good: Mask, in
     first = first[(ends.min(axis=0) > EDGE) & (ends.max(axis=0) < 1.0 - EDGE)]
     moved = command[first + width] - command[first]
     if first.size < LEAST_PI_ROWS or not np.any(moved):
-        return Law(0, np.nan)
+        return NO_LAW
     left = {}
     for late in sorted(range(-farthest, farthest + 1), key=abs):
         at = first + late

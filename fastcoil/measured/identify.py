@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.agreement import LEAST_ANSWERED, implied_law
+from fastcoil.measured.agreement import LEAST_ANSWERED, NO_LAW, implied_law
 from fastcoil.measured.grid import all_good, held, mean_openings, motor_positions
 from fastcoil.measured.measures import in_control
 from fastcoil.measured.part import turns
@@ -223,7 +223,7 @@ LEAST_TURN = 0.005
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
 LONGEST_INTERVAL = 60.0
-SHIFTS, MOST_SHIFTED, LEAST_FORWARD = (60.0, 120.0, 180.0), 20.0, 10.0
+SHIFTS, MOST_SHIFTED, LEAST_FORWARD = (60.0, 120.0, 180.0), 10.0, 10.0
 """Seconds by which the command is moved to see whether it explains the temperature better at another time; by how much
 the logarithm of the likelihood may rise, and by how much it has to exceed that of the log read backwards."""
 MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
@@ -311,11 +311,10 @@ def shown_by(
         return Shown(
             [], doubt="the command never turns back, and a gap shows at turns only: change the set-point up and down"
         )
-    if T_set is None:
-        samples, share = late(command, temperature, good), 1.0
-    else:
-        known = good & np.isfinite(T_set)
-        samples, share = implied_law(command, temperature, held(np.asarray(T_set, float)), known, interval)
+    law = NO_LAW
+    if T_set is not None:
+        law = implied_law(command, temperature, held(np.asarray(T_set, float)), good & np.isfinite(T_set), interval)
+    samples = law.late if np.isfinite(law.share) else late(command, temperature, good)
     samples = samples if lag is None else round(lag / interval)
     series = np.stack([temperature, *disturbances])
 
@@ -339,9 +338,9 @@ def shown_by(
     doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
     jumpy = share_to_and_fro(command, in_control(command, good, interval)) > MOST_TO_AND_FRO
     counts *= JUMPY_COUNTS if jumpy else 1.0
-    if share < LEAST_ANSWERED:
+    if law.share < LEAST_ANSWERED:
         doubt = (
-            f"a PI of this temperature explains only {100 * share:.0f} % of the command's changes: check that both are "
+            f"a PI of this temperature explains only {100 * law.share:.0f} % of the command's changes: check that both are "
             "of one loop and one clock; a loop under another law gives no size"
         )
     elif jumpy and not (provoked and in_step):
@@ -359,22 +358,25 @@ def shown_by(
 def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: int, interval: float) -> str:
     """Whether the command explains the temperature of another time as well, in words; empty if it does not.
 
-    It can be told only where something else than the temperature moved the command.
+    A shift counts that explains more, and with another gap.  It can be told only where something else than the
+    temperature moved the command.
     """
     ends = int(SHIFTS[-1] / interval) + abs(samples)
 
-    def evidence(moved: int, way: int = 1) -> float:
+    def best(moved: int, way: int = 1) -> tuple[float, float]:
+        """The largest likelihood and the gap that has it."""
         found = compared(moved, ends - abs(moved), way)
-        return float(found.plain.max()) if found else 0.0
+        return (float(found.plain.max()), float(CANDIDATES[found.plain.argmax()])) if found else (0.0, 0.0)
 
-    here = evidence(samples)
-    if evidence(samples, -1) > here - LEAST_FORWARD:
+    here, size = best(samples)
+    if best(samples, -1)[0] > here - LEAST_FORWARD:
         return (
             "the log explains itself backwards as well: check that the command moves this valve, and that the rows are "
             "in the order of time"
         )
     for shift in SHIFTS:
-        if evidence(samples - round(shift / interval)) > here + MOST_SHIFTED:
+        there, other = best(samples - round(shift / interval))
+        if there > here + MOST_SHIFTED and abs(other - size) > max(TOLERANCE * size, GOOD):
             return (
                 f"the temperature answers a command logged {shift:g} s after it even better: check the clocks of both "
                 "points, or give the lag between them (lag, --lag)"

@@ -5,7 +5,7 @@ import pytest
 from helpers.shared_data import measured
 
 from fastcoil.measured.grid import held
-from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, _judged, identify_backlash
+from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, Shown, backlash_of, identify_backlash
 
 pytestmark = pytest.mark.kernel
 INTERVAL = 10.0
@@ -115,7 +115,7 @@ def test_a_stuck_stem_under_a_command_that_follows_the_temperature_is_not_called
 
 def judged(likelihood, reaction=None, provoked=True, doubt="", counts=1.0):
     reaction = likelihood if reaction is None else reaction
-    return _judged([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)
+    return backlash_of([Shown([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)])
 
 
 def peak(size, width=0.001):
@@ -160,8 +160,8 @@ def test_doubt_the_largest_size_and_what_counts_for_less_are_not_claimed():
 
 def test_readings_of_columns_that_do_not_agree_are_not_claimed():
     one, other = (Likelihood(peak(size), peak(size), 900) for size in (0.03, 0.1))
-    assert not _judged([one, other], True, "", 1.0).identified
-    assert _judged([one, one], True, "", 1.0).identified
+    assert not backlash_of([Shown([one, other], provoked=True)]).identified
+    assert backlash_of([Shown([one, one], provoked=True)]).identified
 
 
 def controlled(backlash, samples=0, every=1):
