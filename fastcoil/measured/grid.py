@@ -26,8 +26,10 @@ _LEAST, _MOST = 1.0, 10.0  # interval between the samples made of an irregular l
 _DAY = 86400.0
 _SLOWEST = 3600.0  # s between samples; a log that is slower shows nothing of a loop
 _LONGEST_SILENCE = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
-_FINE, _IN_PLACE, _ROUND_OFF = 30.0, 0.95, 1e-9
-"""Filled-in values matter where logged ones are farther apart than so many s; so many bends are at the same place."""
+_FINE, _USUAL_STEPS = 30.0, (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)
+"""Filled-in values matter where logged ones are farther apart than so many s; steps of a clock that are looked for."""
+_MISSED, _MISSED_ELSEWHERE, _ROUND_OFF = 0.02, 0.2, 1e-6
+"""Share of the samples that own samples may fail to give back, and that samples at other places do fail to."""
 MOST_SAMPLES = 200_000  # of the part that is diagnosed: 11 days of a log every 5 s
 
 
@@ -92,7 +94,7 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
 
 def _thinned(grid: Grid) -> tuple[Grid, list[str]]:
     """Only the samples that were logged, where those between them were filled in; and a note of it."""
-    every = {name: logged_every(grid.values[name]) for name in ("command", "T_sup")}
+    every = {name: logged_every(grid.values[name], grid.interval) for name in ("command", "T_sup")}
     width = max(step for step, _ in every.values())
     if width == 1 or width * grid.interval <= _FINE:
         return grid, []
@@ -129,23 +131,31 @@ def in_a_row(grids: Sequence[Grid]) -> Grid:
     )
 
 
-def logged_every(series: Array) -> tuple[int, int]:
+def logged_every(series: Array, interval: float) -> tuple[int, int]:
     """At which samples a series has values of its own: every how many, and the first of them; (1, 0) for all.
 
-    Between them it holds or runs straight, so that it bends at the same place of each so many samples.
+    Those between are filled in if own samples, held or joined by straight lines, give all of them back to within the
+    resolution, and samples at other places do not: a slow temperature of a coarse sensor is given back by any.
     """
     known = np.where(np.isfinite(series), series, 0.0)
     apart = np.diff(np.unique(known))
     resolution = float(apart.min()) if apart.size else 0.0
-    changes = np.flatnonzero(np.diff(known) != 0.0) + 1
-    bends = np.flatnonzero(np.abs(np.diff(known, 2)) > 1.5 * resolution + _ROUND_OFF) + 1
-    for width in range(known.size // LEAST_SAMPLES, 1, -1):
-        for events in (changes, bends):
-            if events.size < 0.5 * known.size / width:
-                continue
-            places = np.bincount(events % width, minlength=width)
-            if places.max() >= _IN_PLACE * events.size and events.size >= LEAST_SAMPLES:
-                return width, int(places.argmax())
+    every = np.arange(known.size)
+
+    def missed(at: Index, straight: bool) -> float:
+        last = np.searchsorted(at, every, side="right") - 1
+        given = np.interp(every, at, known[at]) if straight else known[at[np.maximum(last, 0)]]
+        within = (last >= 0) & (every <= at[-1])
+        return float(np.mean(np.abs(given - known)[within] > (1.0 + _ROUND_OFF) * resolution + _ROUND_OFF))
+
+    for seconds in reversed(_USUAL_STEPS):
+        width = round(seconds / interval)
+        if width < 2 or abs(width * interval - seconds) > _NEARLY or known.size < LEAST_SAMPLES * width:
+            continue
+        for straight in (True, False):
+            found = np.array([missed(every[first::width], straight) for first in range(width)])
+            if found.min() <= _MISSED and np.median(found) >= _MISSED_ELSEWHERE:
+                return width, int(found.argmin())
     return 1, 0
 
 

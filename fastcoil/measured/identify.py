@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.agreement import LEAST_ANSWERED, NO_LAW, implied_law
+from fastcoil.measured.agreement import NO_LAW, implied_law
 from fastcoil.measured.grid import all_good, held, mean_openings, motor_positions
 from fastcoil.measured.measures import in_control
 from fastcoil.measured.part import turns
@@ -338,10 +338,10 @@ def shown_by(
     doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
     jumpy = share_to_and_fro(command, in_control(command, good, interval)) > MOST_TO_AND_FRO
     counts *= JUMPY_COUNTS if jumpy else 1.0
-    if law.share < LEAST_ANSWERED:
+    if law.share < law.least:
         doubt = (
-            f"a PI of this temperature explains only {100 * law.share:.0f} % of the command's changes: check that both are "
-            "of one loop and one clock; a loop under another law gives no size"
+            f"a PI of this temperature explains only {100 * law.share:.0f} % of the command's changes: check that both "
+            "are of one loop and one clock; a loop under another law gives no size"
         )
     elif jumpy and not (provoked and in_step):
         doubt = (

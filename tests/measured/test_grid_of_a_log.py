@@ -5,7 +5,15 @@ import pytest
 from helpers.refusals import refusal
 
 from fastcoil.logs import Log
-from fastcoil.measured.grid import increment_of, mean_openings, motor_positions, on_grid, openings
+from fastcoil.measured.grid import (
+    in_a_row,
+    increment_of,
+    logged_every,
+    mean_openings,
+    motor_positions,
+    on_grid,
+    openings,
+)
 from fastcoil.measured.part import turns
 
 
@@ -125,3 +133,52 @@ def test_turns_count_what_comes_back_by_more_than_asked():
     assert turns(np.array([0.0, 0.5, 0.3, 0.6, 0.599, 0.7]), 0.01) == 2
     assert turns(np.array([0.0, 0.5, 0.485, 0.6]), 0.01) == 2
     assert turns(np.linspace(0.0, 1.0, 50), 0.01) == 0
+
+
+def walked(n, seed=3):
+    return 14.0 + np.cumsum(np.random.default_rng(seed).normal(0.0, 0.05, n))
+
+
+@pytest.mark.parametrize("resolution", [0.0, 0.01])
+@pytest.mark.parametrize("form", ["held", "on straight lines"])
+@pytest.mark.parametrize(("width", "first"), [(6, 0), (6, 4), (30, 11)])
+def test_values_that_were_filled_in_are_told_from_logged_ones(form, width, first, resolution):
+    at = np.arange(first, 3600, width)
+    own, every = walked(at.size), np.arange(3600)
+    filled = np.interp(every, at, own) if form != "held" else own[np.searchsorted(at, every, side="right") - 1]
+    filled = np.round(filled / resolution) * resolution if resolution else filled
+    assert logged_every(filled[first:], 10.0) == (width, 0)
+    assert logged_every(filled, 10.0)[0] == width
+
+
+def test_noise_coarse_sensors_and_slow_controllers_are_no_filled_in_temperatures():
+    T = walked(3600)
+    for series in (T, np.round(T, 1), np.round(walked(3600, 5) / 0.5) * 0.5, np.full(3600, 14.0)):
+        assert logged_every(series, 10.0) == (1, 0)
+
+
+def test_of_filled_in_columns_the_logged_samples_stay():
+    time = np.arange(0.0, 36000.0, 10.0)
+    own = np.arange(20.0, 36000.0, 120.0)
+    T = np.interp(time, own, walked(own.size))
+    grid, notes = on_grid(log(time, command=0.5 + 0.1 * np.sin(time / 500.0), T_sup=T))
+    assert grid.interval == 120.0
+    assert "every 120 s only" in notes[0]
+    np.testing.assert_allclose(grid.values["T_sup"], T[2::12])
+    np.testing.assert_allclose(grid.time, own)
+
+
+def test_days_in_a_row_are_apart_and_keep_what_all_of_them_have():
+    days = [on_grid(log(np.arange(0, 7200, 10), **more))[0] for more in ({"T_set": np.full(720, 14.0)}, {})]
+    grid = in_a_row(days)
+    assert set(grid.values) == {"command", "T_sup"}
+    assert [day.stop - day.start for day in grid.days()] == [780, 720]
+    assert not grid.on[720:780].any()
+    np.testing.assert_array_equal(grid.values["T_sup"][780:], days[1].values["T_sup"])
+    slower = on_grid(log(np.arange(0, 7200, 30)))[0]
+    assert "every 10 s, 30 s: give logs of one interval" in refusal(in_a_row, [days[0], slower])
+
+
+def test_a_long_log_is_cut_into_days_and_a_short_rest_stays_with_the_last():
+    grid, _ = on_grid(log(np.arange(0, 2.3 * 86400, 60)))
+    assert [(day.start, day.stop) for day in grid.days()] == [(0, 1440), (1440, 3312)]

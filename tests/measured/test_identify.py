@@ -260,3 +260,42 @@ def test_a_measured_loop_without_backlash_is_never_accused():
 def test_a_missing_command_is_the_last_before_it():
     given = np.array([np.nan, 0.2, np.nan, np.nan, 0.4, np.nan])
     np.testing.assert_array_equal(held(given), [0.2, 0.2, 0.2, 0.2, 0.4, 0.4])
+
+
+def test_days_of_one_valve_show_together_what_none_of_them_shows_alone():
+    days = [Shown([Likelihood(peak(0.08, 0.02 + 0.001 * k), peak(0.08), 900)], provoked=True) for k in range(8)]
+    assert not any(backlash_of([day]).identified for day in days)
+    found = backlash_of(days)
+    assert found.identified
+    assert found.backlash == pytest.approx(0.08)
+
+
+def test_a_day_with_a_doubt_does_not_count_beside_others():
+    doubted = Shown([Likelihood(peak(0.2), peak(0.2), 900)], provoked=True, doubt="because", late=30.0)
+    sound = Shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True)
+    assert backlash_of([doubted, sound, doubted])[:5] == backlash_of([sound])[:5]
+    assert backlash_of([doubted, doubted]).reason == "because"
+    assert backlash_of([Shown([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
+
+
+def test_steady_days_alone_never_show_a_good_valve():
+    steady = [Shown([Likelihood(peak(0.0), peak(0.0), 900)]) for _ in range(3)]
+    assert "stuck stem" in backlash_of(steady).reason
+    stepped = Shown([Likelihood(peak(0.0), peak(0.0), 900)], provoked=True)
+    assert backlash_of([*steady, stepped]).identified
+
+
+def test_a_log_backwards_in_time_shows_no_gap():
+    command, T, T_set = controlled(0.07)
+    assert identify_backlash(command, T, INTERVAL, T_set).identified
+    found = identify_backlash(command[::-1], T[::-1], INTERVAL, T_set[::-1])
+    assert not found.identified
+    assert "backwards" in found.reason
+
+
+def test_a_lag_that_is_given_is_taken_in_place_of_the_one_found():
+    command, T, T_set = controlled(0.07, 3)
+    given = identify_backlash(command, T, INTERVAL, T_set, lag=3 * INTERVAL)
+    assert given.late == 3 * INTERVAL
+    assert given.backlash == pytest.approx(0.07, abs=0.005)
+    assert identify_backlash(command, T, INTERVAL, T_set, lag=0.0).late == 0.0
