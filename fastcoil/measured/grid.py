@@ -28,7 +28,7 @@ _SLOWEST = 3600.0  # s between samples; a log that is slower shows nothing of a 
 _LONGEST_SILENCE = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
 _FINE, _USUAL_STEPS = 30.0, (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)
 """Filled-in values matter where logged ones are farther apart than so many s; steps of a clock that are looked for."""
-_MISSED, _MISSED_ELSEWHERE, _ROUND_OFF = 0.02, 0.2, 1e-6
+_MISSED, _MISSED_ELSEWHERE, _ROUND_OFF = 0.02, 0.1, 1e-6
 """Share of the samples that own samples may fail to give back, and that samples at other places do fail to."""
 MOST_SAMPLES = 200_000  # of the part that is diagnosed: 11 days of a log every 5 s
 
