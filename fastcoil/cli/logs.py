@@ -72,11 +72,13 @@ def require_writable(out: Path) -> None:
 @click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
 @click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
+@click.option("--lag", type=float, help="Seconds by which T_sup is logged late beside the command; found by default.")
 def diagnose(
     data: Path,
     out: Path | None,
     stroke_time: float | None,
     sample_time: float | None,
+    lag: float | None,
     report: Path | None,
     **reading: Any,
 ) -> None:
@@ -90,7 +92,7 @@ def diagnose(
     if out is not None:
         require_writable(out)
     announce_compilation("mean_openings")
-    found = diagnosed(data, stroke_time, sample_time, **reading)
+    found = diagnosed(data, stroke_time, sample_time, lag=lag, **reading)
     say(*found.summary())
     if out is not None:
         from fastcoil.base.figures import write
