@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,7 @@ import xarray as xr
 from fastcoil.base.arguments import instance_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.loops.assignment import NO_RULES, WORD, assigned, checked_value, table_of, taken, with_defaults, words_of
-from fastcoil.loops.keywords import UNCHANGED, describe_parameters, take_parameters
+from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, describe_parameters, take_parameters
 from fastcoil.loops.presets import PRESETS, Preset
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.parameter_table import PARAMETERS, STAND_INS, Parameter, Scalar, check_name
@@ -45,11 +45,11 @@ class Loop:
     _rules: Mapping[str, Rule]
 
     @take_parameters(_DEFAULTS | {WORD: False})
-    def __init__(self, **values: Any) -> None:
+    def __init__(self, **values: Unpack[Keywords]) -> None:
         self._values, self._rules = assigned({n: v for n, v in _DEFAULTS.items() if v is not None}, NO_RULES, values)
 
     @classmethod
-    def preset(cls, name: str, *, converged: bool = False) -> Loop:
+    def preset(cls, name: PresetName | str, *, converged: bool = False) -> Loop:
         """Return a named loop: ``paper_like``, ``paper_like_fast``, ``lbnl``, ``g36``, ``heating`` or ``heating_45``.
 
         ``fc.presets()`` describes each.  converged: as in ``Loop``.
@@ -94,7 +94,7 @@ class Loop:
         return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
 
     @take_parameters(dict.fromkeys((*PARAMETERS, WORD), UNCHANGED))
-    def assign(self, **values: Any) -> Loop:
+    def assign(self, **values: Unpack[Keywords]) -> Loop:
         """Return a copy with parameters changed.
 
         Raises

@@ -4,6 +4,7 @@ import copy
 import inspect
 import json
 import pickle
+import typing
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from helpers.refusals import assert_only_problem
 from helpers.rules import by_error
 
 import fastcoil as fc
-from fastcoil.loops.keywords import UNCHANGED
+from fastcoil.loops.assignment import WORD
+from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, Value
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
@@ -225,6 +227,34 @@ def test_attributes_do_not_disturb_copies_and_pickles():
 
 def test_no_parameter_hides_behind_a_method_of_the_loop():
     assert not {name for name in vars(fc.Loop) if not name.startswith("_")} & PARAMETERS.keys()
+
+
+def test_keywords_for_type_checkers_are_those_of_the_table_with_its_words():
+    assert typing.get_args(PresetName) == tuple(fc.presets())
+    hints = typing.get_type_hints(Keywords)
+    assert list(hints) == [WORD, *PARAMETERS]
+    for name, p in PARAMETERS.items():
+        words = {typing.Literal[p.choices]} if p.is_word else set()
+        assert set(typing.get_args(hints[name])) == {*typing.get_args(Value), *words}, name
+
+
+CHECKED = """
+import fastcoil as fc
+loop = fc.Loop(backlash=0.1, kp=("tuning", [0.01, 0.02]), action="heating", converged=True)
+doubled = loop.backlash * 2, loop["kp"] * 2
+loop = loop.assign(**{"gain": 3.0})
+fc.Loop(backlsh=0.1)
+loop.assign(backlsh=0.1)
+"""
+
+
+def test_a_type_checker_refuses_a_mistyped_parameter_and_nothing_else(tmp_path):
+    mypy = pytest.importorskip("mypy.api")
+    (tmp_path / "checked.py").write_text(CHECKED)
+    said, _, _ = mypy.run([str(tmp_path / "checked.py")])
+    errors = [line.partition("checked.py:")[2] for line in said.splitlines() if ": error:" in line]
+    assert [line.split(":")[0] for line in errors] == ["6", "7"], said
+    assert all('did you mean "backlash"' in line for line in errors)
 
 
 def test_a_loop_shows_every_parameter_as_a_keyword_with_its_default():

@@ -17,7 +17,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.python import commented, names_in
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.words import number
+from fastcoil.deliver.export.words import number, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop
@@ -134,6 +134,7 @@ class Controller:
             "measures_noise": self.word["buffer_noise"] == "measured",
             "band": "band" if ratio or self.waives_buffer else "BUFFER",
             "noise_of_median": repr(float(noise_level(1.0))),
+            "words": plain_text(self.words()),
             "version": VERSION,
         }
         template = templates().get_template("controller.py.jinja")
@@ -143,6 +144,18 @@ class Controller:
         text = text if "math." in text else text.replace("import math\n", "", 1)
         text = re.sub(r"\n+(?=(def|class) )", "\n\n\n", text)
         return re.sub(r"\n+(?=# (Parameters|Fixed)|import )", "\n\n", text)
+
+    def words(self) -> str:
+        """What the controller consists of."""
+        inverse = {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}
+        plain = "a backlash inverse" if self.estimating or self.number["backlash_estimate"] > 0.0 else ""
+        parts = [
+            f"the law {self.word['law']}" if self.deciding else "a PI law",
+            "a dead band" if self.number["error_dead_band"] > 0.0 else "",
+            inverse.get(self.word["compensation"], plain),
+            f"the estimator {self.word['estimator']}" if self.estimating else "",
+        ]
+        return " and ".join(", ".join(filter(None, parts)).rsplit(", ", 1))
 
     def _constant(self, name: str) -> str:
         """A parameter as a constant, with its unit and meaning."""

@@ -122,7 +122,7 @@ def _files(path: Path, language: str, text: str, vectors: Vectors, sample_time: 
     name, stored = _name_of(path), f"{path.stem}_vectors.csv"
     words = {
         "name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs,
-        "size": vectors.size,
+        "size": vectors.size, "checksum": f"{vectors.checksum:08x}",
     }  # fmt: skip
     files = {stored: vectors.csv(path.name, sample_time)}
     if language == "c":

@@ -5,8 +5,10 @@ for starts from a command, bad readings and holds: no simulation has them, and t
 """
 
 import math
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,18 +49,30 @@ class Vectors:
         """How many cycles there are."""
         return int(self.columns["T_sup"].size)
 
-    def csv(self, code: str, sample_time: float) -> str:
-        """As a text file, with 17 digits."""
+    @cached_property
+    def lines(self) -> str:
+        """The names and the numbers, with 17 digits, each line with its end."""
         rows = zip(*(column.tolist() for column in self.columns.values()), strict=True)
-        lines = [",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows), ""]
+        return "".join(
+            f"{line}\n" for line in (",".join(self.columns), *(",".join(f"{x:.17g}" for x in row) for row in rows))
+        )
+
+    @property
+    def checksum(self) -> int:
+        """CRC-32 of the lines, by which a file that was cut or edited is found."""
+        return zlib.crc32(self.lines.encode())
+
+    def csv(self, code: str, sample_time: float) -> str:
+        """As a text file."""
         return (
             f"# Vectors for {code}, written by fastcoil {VERSION}: a row for each {sample_time:g} s cycle.\n"
             f"# Given: {', '.join(self.inputs)}.  A row with reset = 1 begins a run, and so does the first.\n"
             f"# Expected after the cycle, to 1e-12: {', '.join(self.outputs)}.\n"
             "# The first run has starts from a command, bad readings, holds and ends; then come made-up records,\n"
             "# replayed by the simulation, and the loop on a simulated day.\n"
-            f"# {self.size} rows.\n"
-        ) + "\n".join(lines)
+            f"# {self.size} rows; CRC-32 of all lines but these, each with one line feed: {self.checksum:08x}.\n"
+            f"{self.lines}"
+        )
 
 
 def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
