@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fastcoil.base.errors import StorageError as StorageError
     from fastcoil.deliver.export.export import export_controller as export_controller
     from fastcoil.deliver.report.report import report as report
+    from fastcoil.deliver.report.survey import survey as survey
     from fastcoil.design.explain import explain as explain
     from fastcoil.design.frequency_figures import bode as bode
     from fastcoil.design.frequency_figures import nyquist as nyquist
@@ -87,6 +88,7 @@ _HOME = {
     "run_study": "study.run",
     "simulate": "loops.simulate",
     "sobol_indices": "study.analysis.sobol",
+    "survey": "deliver.report.survey",
     "tune": "design.tune",
     "weather_day": "loops.boundary.weather",
     "weather_year": "loops.boundary.weather_year",

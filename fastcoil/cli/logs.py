@@ -1,5 +1,6 @@
 """``fastcoil diagnose`` and ``join``: commands that read trend logs, and the options they share."""
 
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,14 @@ import click
 
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, exists, is_file, is_folder, require_file
+from fastcoil.base.text import aligned
 from fastcoil.cli.arguments import PATH, pairs
 from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.terminal import announce_compilation, say
+
+EXIT_FOUND = 1
+"""Exit code of ``diagnose --fail`` if a valve hunts or has a gap."""
+_MOST_SHOWN = 10  # valves, and logs that could not be read
 
 
 def _as_pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, str] | None:
@@ -68,31 +74,45 @@ def require_writable(out: Path) -> None:
 
 @click.command()
 @with_reading_options
+@click.argument("more", type=PATH, nargs=-1, metavar="[DATA]...")
 @with_report
 @click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
+@click.option("--fleet", is_flag=True, help="DATA are logs of many valves, or folders of logs: rank the valves.")
+@click.option("-j", "--jobs", type=int, help="With --fleet: processes; all cores by default.")
+@click.option("--fail", is_flag=True, help="Exit code 1 if a valve hunts or has a gap of more than 1 %.")
 @click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
 @click.option("--lag", type=float, help="Seconds by which T_sup is logged late beside the command; found by default.")
 def diagnose(
     data: Path,
+    more: tuple[Path, ...],
     out: Path | None,
-    stroke_time: float | None,
-    sample_time: float | None,
-    lag: float | None,
     report: Path | None,
-    **reading: Any,
+    fleet: bool,
+    jobs: int | None,
+    fail: bool,
+    **options: Any,
 ) -> None:
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
     DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, and with
     elapsed_time or timestamp.  It needs two hours or more, a row every 30 s or faster, and changes of the set-point.
+    Several files are days of one valve.
+
+    With --fleet, DATA are files of many valves, or folders of them; -o then names FILE.html, FILE.csv or a folder.
     """
     from fastcoil.measured.diagnose import diagnose as diagnosed
+    from fastcoil.measured.identify import GOOD
 
+    if fleet:
+        _survey([data, *more], out, report, jobs, fail, options)
+        return
+    if jobs is not None:
+        raise InputError("--jobs: for many valves (--fleet), leave it out")
     if out is not None:
         require_writable(out)
     announce_compilation("mean_openings")
-    found = diagnosed(data, stroke_time, sample_time, lag=lag, **reading)
+    found = diagnosed([data, *more] if more else data, **options)
     say(*found.summary())
     if out is not None:
         from fastcoil.base.figures import write
@@ -102,6 +122,30 @@ def diagnose(
         for path in write({out.stem: found.plot()}, out.parent):
             say(f"Figure:  {path}")
     write_report(found, report)
+    if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
+        sys.exit(EXIT_FOUND)
+
+
+def _survey(
+    logs: Sequence[Path], out: Path | None, report: Path | None, jobs: int | None, fail: bool, options: dict[str, Any]
+) -> None:
+    """Rank valves; ``out`` and ``options`` as of ``fc.survey``."""
+    from fastcoil.deliver.report.survey import HEAD, cells, headline, survey, wants_work
+
+    if report is not None:
+        raise InputError("--report: with --fleet, give the page with -o FILE.html")
+    announce_compilation("mean_openings")
+    ds = survey(logs, out, n_jobs=jobs, **options)
+    rows, failed = cells(ds)[:_MOST_SHOWN], ds.isel(valve=ds["problem"].values != "")
+    say(headline(ds), *(aligned([HEAD, *rows], right=(1, 2)) if rows else ()))
+    for valve, problem in list(zip(failed["valve"].values, failed["problem"].values, strict=True))[:_MOST_SHOWN]:
+        say(f"Not read: {valve}: {problem}")
+    if failed.sizes["valve"] > _MOST_SHOWN:
+        say(f"… and {failed.sizes['valve'] - _MOST_SHOWN:,} more")
+    if out is not None:
+        say(f"Written: {out}")
+    if fail and bool(wants_work(ds).any()):
+        sys.exit(EXIT_FOUND)
 
 
 @click.command()

@@ -1,0 +1,271 @@
+"""``survey``: the valves of a building, diagnosed from their logs and ranked, as a Dataset, a page and a table.
+
+Logs go to processes: most of a diagnosis holds the interpreter's lock, and two threads are no faster than one.
+"""
+
+import concurrent.futures as cf
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, flag_of, path_of
+from fastcoil.base.errors import FastcoilError, InputError, StorageError, collecting
+from fastcoil.base.files import commit, entries, exists, is_folder, make_folder, require_file, storage_errors
+from fastcoil.base.progress import progress_of_call
+from fastcoil.base.text import NONE, no_formula
+from fastcoil.deliver.report.page import Page, Section, Table, Words, number, require_page
+from fastcoil.loops.provenance import content_sha256
+from fastcoil.loops.simulate import workers
+from fastcoil.measured.cause import UNKNOWN
+from fastcoil.measured.diagnose import diagnose
+from fastcoil.measured.diagnosis import INDICES, Diagnosis
+from fastcoil.measured.identify import GOOD
+
+CLOSED = 0.005  # of the stroke: up to this command a valve counts as shut, and its loop asks for nothing
+_FEWEST = 4  # logs for each process: fewer do not pay for its start
+_NUMBERS = {
+    "degree_hours": ("K h d-1", "control error while the valve is open, integrated over a day of operation"),
+    "motor_travel": INDICES["motor_travel"],
+    "backlash": ("1", "most probable backlash, fraction of stroke; valid only if identified"),
+    "low": ("1", "lower end of its 95 % interval"),
+    "high": ("1", "upper end of its 95 % interval"),
+    "hours": ("h", "hours of operation in the log"),
+} | INDICES
+_FLAGS = ("identified", "hunts")
+_TEXTS = ("cause", "because", "advice", "reason", "notes", "problem", "log")
+_CURE = "give CSV files, a folder of them, or a mapping of names to logs"
+_FIRST = b"valve,degree_hours [K h d-1],"  # begins the header of a table
+
+
+def survey(
+    logs: Any,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    n_jobs: int | None = None,
+    progress: bool | None = None,
+    **options: Any,
+) -> xr.Dataset:
+    """Diagnose the valves of a building and rank them by the control error that they leave.
+
+    Parameters
+    ----------
+    logs
+        A log for each valve: CSV files and folders of them, or a mapping of the valve's name to what `diagnose`
+        accepts.  Tables of earlier surveys are skipped.
+    out
+        FILE.html, a page; FILE.csv, a table; or a folder for both, ``survey.html`` and ``survey.csv``.
+    n_jobs
+        Processes; all cores by default.
+    progress
+        Whether to show how many logs are done, on stderr: True always, False never; None on a terminal, after 2 s.
+    options
+        Arguments of `diagnose` for all logs: ``stroke_time``, ``sample_time``, ``lag``, ``units``, ``columns``,
+        ``drop``, ``jumps``, ``max_gap``, ``time_format``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along ``valve``, the costliest first.  ``degree_hours``: size of the control error while the valve is open,
+        integrated over a day of operation, K h d-1, NaN without a set-point; ``motor_travel``: strokes a day;
+        ``backlash``, ``low``, ``high``: fractions of stroke; ``identified``, ``hunts``, ``cause``, ``because``,
+        ``advice``, ``reason``, ``notes`` and the indices as of a diagnosis; ``log``: its file.  Where a log cannot be
+        diagnosed, ``problem`` says why; its numbers are NaN, and it is ranked last.  ``valve`` is the name of the
+        file, with that of its folder where several are alike.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each mistake in the arguments; if there is no log.
+    StorageError
+        If a folder cannot be read or ``out`` cannot be written; no partial file remains.
+    """
+    with checking() as check:
+        with collecting(check.problems):
+            diagnose([], **options)  # its arguments are checked before its logs
+        check.problems[:] = [problem for problem in check.problems if not problem.startswith("log = []")]
+        n_jobs = check(workers, n_jobs)
+        progress = check.unless_none(flag_of, "progress", progress)
+        targets = check.unless_none(_targets, "out", out) or []
+        found = check(_by_valve, logs)
+    rows = []
+    with progress_of_call(progress) as shown:
+        advance = shown.start(len(found), what="logs")
+        for valve, row in zip(found, _rows(list(found.values()), options, n_jobs), strict=True):
+            rows.append({"valve": valve, **row})
+            advance(1)
+    ds = _dataset(sorted(rows, key=_rank))
+    for target in targets:
+        with storage_errors(target.parent, "written"):
+            make_folder(target.parent, parents=True)
+        commit(target, (_csv(ds) if target.suffix.lower() == ".csv" else _page(ds).html()).encode())
+    return ds
+
+
+def _targets(name: str, out: Any) -> list[Path]:
+    """The files to write; refused, before any work, where one exists that is no earlier survey."""
+    path = path_of(name, out, "give FILE.html, FILE.csv or a folder")
+    if is_folder(path) or not (path.suffix or exists(path)):
+        targets = [path / "survey.html", path / "survey.csv"]
+    else:
+        require_file(name, path, ".html", ".htm", ".csv")
+        targets = [path]
+    for target in filter(exists, targets):
+        if target.suffix.lower() != ".csv":
+            require_page(target, name)
+        elif not _is_survey(target):
+            raise InputError(f"{name} {target}: this file exists and is no survey, choose another name or delete it")
+    return targets
+
+
+def _by_valve(logs: Any) -> dict[str, Any]:
+    """Log by name of the valve: the stem of its file, with the folder or the whole path where several are alike."""
+    if isinstance(logs, Mapping) and not hasattr(logs, "data_vars"):
+        return {str(valve): log for valve, log in logs.items()}
+    several = list(logs) if isinstance(logs, Iterable) and not isinstance(logs, str) else [logs]
+    files: dict[Path, None] = {}
+    for path in (path_of("logs", one, _CURE) for one in several):
+        inside = entries(path) if is_folder(path) else [path]
+        files |= dict.fromkeys(file for file in inside if file == path or file.suffix.lower() == ".csv")
+    paths = [file for file in files if not _is_survey(file)]
+    if not paths:
+        raise InputError(f"logs: no CSV file: {_CURE}")
+    names = [path.stem for path in paths]
+    for longer in (lambda path: f"{path.absolute().parent.name}/{path.stem}", str):
+        times = Counter(names)
+        names = [name if times[name] == 1 else longer(path) for name, path in zip(names, paths, strict=True)]
+    return dict(zip(names, paths, strict=True))
+
+
+def _is_survey(path: Path) -> bool:
+    """Whether a file is the table of a survey; False if it cannot be read."""
+    try:
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            return file.read(len(_FIRST)) == _FIRST
+    except OSError:
+        return False
+
+
+def _rows(logs: list[Any], options: Mapping[str, Any], n_jobs: int) -> Iterator[dict[str, Any]]:
+    """The row of each log, in order."""
+    n_jobs = min(n_jobs, len(logs) // _FEWEST)
+    if n_jobs < 2:
+        yield from (row_of(log, options) for log in logs)
+        return
+    try:
+        yield from joblib.Parallel(n_jobs, return_as="generator")(joblib.delayed(row_of)(log, options) for log in logs)
+    except cf.BrokenExecutor:
+        raise StorageError("a process was killed, probably for want of memory: use fewer (n_jobs, --jobs)") from None
+
+
+def row_of(log: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The diagnosis of one log as numbers and texts by name; ``log`` and ``problem`` alone if it fails."""
+    row = {"log": str(log) if isinstance(log, Path) else ""}
+    try:
+        d = diagnose(log, **options)
+    except FastcoilError as error:
+        return row | {"problem": "; ".join(str(error).split("\n"))}
+    except Exception as error:  # one log must not end the survey of all others
+        return row | {"problem": f"fastcoil failed on this log, please report it: {type(error).__name__}: {error}"}
+    return row | {str(name): float(value) for name, value in d.indices.items()} | {
+        "degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"],
+        "backlash": d.backlash, "low": d.interval[0], "high": d.interval[1], "identified": d.identified,
+        "hunts": d.hunts, "cause": d.cause, "because": d.because, "advice": str(d.advice), "reason": d.reason,
+        "notes": "; ".join(d.notes),
+    }  # fmt: skip
+
+
+def degree_hours(d: Diagnosis) -> float:
+    """Control error integrated over 24 h of operation, 0 while the valve is shut, K h/d; NaN without a set-point."""
+    if "T_set" not in d.signals:
+        return np.nan
+    T, T_set, command = (d.signals[name].values for name in ("T_sup", "T_set", "command"))
+    counted = np.isfinite(T + T_set + command)
+    if "enabled" in d.signals:
+        counted &= d.signals["enabled"].values > 0.0
+    error = np.where(command > CLOSED, np.abs(T - T_set), 0.0)[counted]
+    return 24.0 * float(error.mean()) if error.size else np.nan
+
+
+def _rank(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Costliest first; logs without a set-point by the travel of the motor; then those without a diagnosis."""
+    cost, travel = row.get("degree_hours", np.nan), row.get("motor_travel", np.nan)
+    return "problem" in row, np.isnan(cost), -np.nan_to_num(cost), -np.nan_to_num(travel), row["valve"]
+
+
+def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
+    ds = xr.Dataset(coords={"valve": np.array([row["valve"] for row in rows], dtype=object)})
+    missing: dict[str, Any] = dict.fromkeys(_NUMBERS, np.nan) | dict.fromkeys(_FLAGS, False) | dict.fromkeys(_TEXTS, "")
+    for name, value in missing.items():
+        attrs = dict(zip(("units", "long_name"), _NUMBERS.get(name, ()), strict=False))
+        kind = object if value == "" else type(value)
+        ds[name] = ("valve", np.array([row.get(name, value) for row in rows], dtype=kind), attrs)
+    return ds.assign_attrs(title="fastcoil survey")
+
+
+def _csv(ds: xr.Dataset) -> str:
+    """The survey as CSV: a row for each valve, units in the header, empty cells where there is no value."""
+    frame = ds.to_dataframe().reset_index()
+    for name in frame.select_dtypes("object"):
+        frame[name] = frame[name].map(no_formula)
+    units = {name: values.attrs.get("units", "1") for name, values in ds.data_vars.items()}
+    header = [name if units.get(name, "1") == "1" else f"{name} [{units[name]}]" for name in frame]
+    return str(frame.to_csv(index=False, header=header, lineterminator="\n"))
+
+
+HEAD = ("valve", "error, K·h a day", "motor, strokes a day", "gap", "swing", "cause")
+
+
+def cells(ds: xr.Dataset) -> list[list[str]]:
+    """Rows of ``HEAD`` for the valves with a diagnosis."""
+    rows = []
+    for k in np.flatnonzero(ds["problem"].values == ""):
+        one = {str(name): values.values[k] for name, values in ds.variables.items()}
+        gap = f"{100 * one['backlash']:.3g} % ({100 * one['low']:.3g} to {100 * one['high']:.3g})"
+        swing = f"± {number(one['peak_to_peak'] / 2, 2)} K every {number(one['period'] / 60, 2)} min"
+        rows.append([one["valve"], number(one["degree_hours"]), number(one["motor_travel"]),
+                     gap if one["identified"] else NONE, swing if one["hunts"] else NONE, one["cause"]])  # fmt: skip
+    return rows
+
+
+def wants_work(ds: xr.Dataset) -> xr.DataArray:
+    """Which valves of a survey hunt, or have an identified backlash above 1 % of the stroke."""
+    return ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD))
+
+
+def headline(ds: xr.Dataset) -> str:
+    """How many valves are in which state."""
+    failed, work = ds["problem"] != "", wants_work(ds)
+    unclear = ~failed & ~work & (ds["cause"] == UNKNOWN)
+    states = {"hunt or have a gap": work, "show neither": ~(failed | work | unclear), "cannot be judged": unclear,
+              "could not be read": failed}  # fmt: skip
+    found = {words: int(state.sum()) for words, state in states.items()}
+    return f"Of {ds.sizes['valve']:,} valves " + ", ".join(f"{n:,} {words}" for words, n in found.items() if n) + "."
+
+
+def _page(ds: xr.Dataset) -> Page:
+    """The survey as a page: every valve with what to do, and every log that could not be diagnosed."""
+    is_read = ds["problem"].values == ""
+    texts = (ds[name].values[is_read] for name in ("advice", "reason", "because"))
+    rows = [[*row, next(filter(None, text), "")] for row, *text in zip(cells(ds), *texts, strict=True)]
+    problems = list(zip(*(ds[name].values[~is_read] for name in ("valve", "problem")), strict=True))
+    note = "Gap: share of the stroke, with its 95 % interval.  A dash: none that the log shows."
+    measure = (
+        "Error: size of the difference between supply temperature and set-point, integrated over 24 h of operation; "
+        "while the valve is shut it counts as 0.  0.1 K all day is 2.4 K·h.  Each log was diagnosed alone."
+    )
+    sections = [
+        Section("Ranked by control error", [Table("", [*HEAD, "what to do"], rows, note)] if rows else []),
+        Section("Logs that could not be read", [Table("", ["valve", "reason"], problems)] if problems else []),
+        Section("How this was computed", [Words([measure])]),
+    ]
+    question = "Which valves cost most if they are left as they are, and what helps?"
+    title = f"Survey of {ds.sizes['valve']:,} valves"
+    return Page("Survey", title, question, [], [headline(ds)], sections, content_sha256(ds))
