@@ -14,8 +14,7 @@ from fastcoil.cli.arguments import PATH, pairs
 from fastcoil.cli.deliver import with_report, write_report
 from fastcoil.cli.terminal import announce_compilation, say
 
-EXIT_FOUND = 1
-"""Exit code of ``diagnose --fail`` if a valve hunts or has a gap."""
+_FOUND = 1  # exit code of ``diagnose --fail``
 _MOST_SHOWN = 10  # valves, and logs that could not be read
 
 
@@ -26,29 +25,16 @@ def _as_pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) 
 _TIME_FORMAT = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
 _READING_OPTIONS = (
     click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
-    click.option(
-        "--jumps", default="refuse", show_default=True, help="If time runs backwards: refuse, or split there."
-    ),
+    click.option("--jumps", default="refuse", show_default=True,
+                 help="If time runs backwards: refuse, or split there."),
     click.option("--max-gap", type=float, help="Longest gap to bridge, s; three median steps by default."),
     click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT),
-    click.option(
-        "--unit",
-        "units",
-        multiple=True,
-        callback=_as_pairs,
-        metavar="NAME=UNIT",
-        help="Unit of a column whose header has none.",
-    ),
-    click.option(
-        "--column",
-        "columns",
-        multiple=True,
-        callback=_as_pairs,
-        metavar="NAME=HEADER",
-        help="Header of the column for NAME, if it differs.",
-    ),
+    click.option("--unit", "units", multiple=True, callback=_as_pairs, metavar="NAME=UNIT",
+                 help="Unit of a column whose header has none."),
+    click.option("--column", "columns", multiple=True, callback=_as_pairs, metavar="NAME=HEADER",
+                 help="Header of the column for NAME, if it differs."),
     click.argument("data", type=PATH),
-)
+)  # fmt: skip
 
 
 def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -84,15 +70,9 @@ def require_writable(out: Path) -> None:
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
 @click.option("--lag", type=float, help="Seconds by which T_sup is logged late beside the command; found by default.")
 def diagnose(
-    data: Path,
-    more: tuple[Path, ...],
-    out: Path | None,
-    report: Path | None,
-    fleet: bool,
-    jobs: int | None,
-    fail: bool,
-    **options: Any,
-) -> None:
+    data: Path, more: tuple[Path, ...], out: Path | None, report: Path | None, fleet: bool, jobs: int | None,
+    fail: bool, **options: Any,
+) -> None:  # fmt: skip
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
     DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, and with
@@ -123,56 +103,47 @@ def diagnose(
             say(f"Figure:  {path}")
     write_report(found, report)
     if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
-        sys.exit(EXIT_FOUND)
+        sys.exit(_FOUND)
 
 
 def _survey(
     logs: Sequence[Path], out: Path | None, report: Path | None, jobs: int | None, fail: bool, options: dict[str, Any]
 ) -> None:
     """Rank valves; ``out`` and ``options`` as of ``fc.survey``."""
-    from fastcoil.deliver.report.survey import HEAD, cells, headline, survey, wants_work
+    from fastcoil.deliver.report.survey import AT_FAULT, HEAD, cells, headline, states, survey
 
     if report is not None:
         raise InputError("--report: with --fleet, give the page with -o FILE.html")
     announce_compilation("mean_openings")
     ds = survey(logs, out, n_jobs=jobs, **options)
-    rows, failed = cells(ds)[:_MOST_SHOWN], ds.isel(valve=ds["problem"].values != "")
+    rows = cells(ds)[:_MOST_SHOWN]
     say(headline(ds), *(aligned([HEAD, *rows], right=(1, 2)) if rows else ()))
-    for valve, problem in list(zip(failed["valve"].values, failed["problem"].values, strict=True))[:_MOST_SHOWN]:
-        say(f"Not read: {valve}: {problem}")
-    if failed.sizes["valve"] > _MOST_SHOWN:
-        say(f"… and {failed.sizes['valve'] - _MOST_SHOWN:,} more")
+    failed = [f"Not read: {v}: {p}" for v, p in zip(ds["valve"].values, ds["problem"].values, strict=True) if p]
+    say(*failed[:_MOST_SHOWN], *[f"… and {len(failed) - _MOST_SHOWN:,} more"] * (len(failed) > _MOST_SHOWN))
     if out is not None:
         say(f"Written: {out}")
-    if fail and bool(wants_work(ds).any()):
-        sys.exit(EXIT_FOUND)
+    if not rows:
+        raise InputError("no log could be read: see the reasons above")
+    if fail and states(ds)[AT_FAULT]:
+        sys.exit(_FOUND)
+
+
+_POINT = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
 
 
 @click.command()
 @click.argument("files", type=PATH, nargs=-1)
 @click.option("-o", "--out", type=PATH, default="log.csv", show_default=True, help="CSV file to write; a new one.")
-@click.option(
-    "--column",
-    "columns",
-    multiple=True,
-    metavar="NAME=FILE",
-    help="File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME.",
-)
+@click.option("--column", "columns", multiple=True, metavar="NAME=FILE", help=_POINT)
 @click.option("--unit", "units", multiple=True, metavar="NAME=UNIT", help="Unit of a point whose header has none.")
 @click.option("--step", type=float, help="Time step of the joined log, s; that of the fastest point by default.")
 @click.option("--max-gap", type=float, help="Longest gap over which a point is held or interpolated, s.")
 @click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT)
 @click.option("--time-zone", metavar="ZONE", help="Zone of times without a UTC offset, such as America/New_York.")
 def join(
-    files: Sequence[Path],
-    out: Path,
-    columns: Sequence[str],
-    units: Sequence[str],
-    step: float | None,
-    max_gap: float | None,
-    time_format: str | None,
-    time_zone: str | None,
-) -> None:
+    files: Sequence[Path], out: Path, columns: Sequence[str], units: Sequence[str], step: float | None,
+    max_gap: float | None, time_format: str | None, time_zone: str | None,
+) -> None:  # fmt: skip
     """Join the points in FILES into one log with a common time step, for diagnose and the fits.
 
     A file has a column of times and one or more columns of values.  The header of a column names the point and its
@@ -193,14 +164,9 @@ def join(
         time_zone = check.unless_none(time_zone_of, "--time-zone", time_zone)
         check(_require_new, out)
     joined = join_points(
-        files,
-        columns=pairs("--column", columns),
-        units=pairs("--unit", units),
-        time_format=time_format,
-        time_zone=time_zone,
-        step=step,
-        max_gap=max_gap,
-    )
+        files, columns=pairs("--column", columns), units=pairs("--unit", units), time_format=time_format,
+        time_zone=time_zone, step=step, max_gap=max_gap,
+    )  # fmt: skip
     _require_new(out)
     commit(out, joined.text.encode())
     say(*joined.notes)

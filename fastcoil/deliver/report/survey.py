@@ -1,12 +1,10 @@
-"""``survey``: the valves of a building, diagnosed from their logs and ranked, as a Dataset, a page and a table.
-
-Logs go to processes: most of a diagnosis holds the interpreter's lock, and two threads are no faster than one.
-"""
+"""``survey``: the valves of a building, diagnosed from their logs and ranked, as a Dataset, a page and a table."""
 
 import concurrent.futures as cf
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +15,9 @@ import xarray as xr
 from fastcoil.base.arguments import checking, flag_of, path_of
 from fastcoil.base.errors import FastcoilError, InputError, StorageError, collecting
 from fastcoil.base.files import commit, entries, exists, is_folder, make_folder, require_file, storage_errors
-from fastcoil.base.progress import progress_of_call
+from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.base.text import NONE, no_formula
-from fastcoil.deliver.report.page import Page, Section, Table, Words, number, require_page
+from fastcoil.deliver.report.page import Page, Section, Table, number, require_page
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.loops.simulate import workers
 from fastcoil.measured.cause import UNKNOWN
@@ -56,8 +54,8 @@ def survey(
     Parameters
     ----------
     logs
-        A log for each valve: CSV files and folders of them, or a mapping of the valve's name to what `diagnose`
-        accepts.  Tables of earlier surveys are skipped.
+        A log for each valve: CSV files and folders of them, or a mapping of names to what `diagnose` accepts.  Tables
+        of earlier surveys are skipped.
     out
         FILE.html, a page; FILE.csv, a table; or a folder for both, ``survey.html`` and ``survey.csv``.
     n_jobs
@@ -65,18 +63,16 @@ def survey(
     progress
         Whether to show how many logs are done, on stderr: True always, False never; None on a terminal, after 2 s.
     options
-        Arguments of `diagnose` for all logs: ``stroke_time``, ``sample_time``, ``lag``, ``units``, ``columns``,
-        ``drop``, ``jumps``, ``max_gap``, ``time_format``.
+        Of `diagnose`, for all logs: ``stroke_time``, ``sample_time``, ``lag``, ``units``, ``columns``, ``drop``, …
 
     Returns
     -------
     xarray.Dataset
-        Along ``valve``, the costliest first.  ``degree_hours``: size of the control error while the valve is open,
-        integrated over a day of operation, K h d-1, NaN without a set-point; ``motor_travel``: strokes a day;
-        ``backlash``, ``low``, ``high``: fractions of stroke; ``identified``, ``hunts``, ``cause``, ``because``,
-        ``advice``, ``reason``, ``notes`` and the indices as of a diagnosis; ``log``: its file.  Where a log cannot be
-        diagnosed, ``problem`` says why; its numbers are NaN, and it is ranked last.  ``valve`` is the name of the
-        file, with that of its folder where several are alike.
+        Along ``valve`` (name of the file, with its folder where several are alike), the costliest first.
+        ``degree_hours``: size of the control error while the valve is open, integrated over a day of operation,
+        K h d-1, NaN without a set-point; ``backlash``, ``low``, ``high`` (fractions of stroke), ``identified``,
+        ``hunts``, ``cause``, ``because``, ``advice``, ``reason``, ``notes`` and the indices of a `diagnose`; ``hours``
+        of operation; ``log``.  ``problem`` says why a log cannot be diagnosed; its numbers are NaN, and it is last.
 
     Raises
     ------
@@ -93,17 +89,14 @@ def survey(
         progress = check.unless_none(flag_of, "progress", progress)
         targets = check.unless_none(_targets, "out", out) or []
         found = check(_by_valve, logs)
-    rows = []
     with progress_of_call(progress) as shown:
-        advance = shown.start(len(found), what="logs")
-        for valve, row in zip(found, _rows(list(found.values()), options, n_jobs), strict=True):
-            rows.append({"valve": valve, **row})
-            advance(1)
+        rows = list(_rows(found, options, n_jobs, shown.start(len(found), what="logs")))
     ds = _dataset(sorted(rows, key=_rank))
     for target in targets:
         with storage_errors(target.parent, "written"):
             make_folder(target.parent, parents=True)
-        commit(target, (_csv(ds) if target.suffix.lower() == ".csv" else _page(ds).html()).encode())
+        text = _csv(ds) if target.suffix.lower() == ".csv" else _page(ds).html()
+        commit(target, text.encode(errors="backslashreplace"))  # names of files may hold any byte
     return ds
 
 
@@ -125,9 +118,9 @@ def _targets(name: str, out: Any) -> list[Path]:
 
 def _by_valve(logs: Any) -> dict[str, Any]:
     """Log by name of the valve: the stem of its file, with the folder or the whole path where several are alike."""
-    if isinstance(logs, Mapping) and not hasattr(logs, "data_vars"):
+    if isinstance(logs, Mapping) and logs and not hasattr(logs, "data_vars"):
         return {str(valve): log for valve, log in logs.items()}
-    several = list(logs) if isinstance(logs, Iterable) and not isinstance(logs, str) else [logs]
+    several = list(logs) if isinstance(logs, list | tuple | Iterator) else [logs]
     files: dict[Path, None] = {}
     for path in (path_of("logs", one, _CURE) for one in several):
         inside = entries(path) if is_folder(path) else [path]
@@ -144,30 +137,29 @@ def _by_valve(logs: Any) -> dict[str, Any]:
 
 def _is_survey(path: Path) -> bool:
     """Whether a file is the table of a survey; False if it cannot be read."""
-    try:
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(len(_FIRST)) == _FIRST
-    except OSError:
-        return False
+    with suppress(OSError):
+        if path.is_file():
+            with path.open("rb") as file:
+                return file.read(len(_FIRST)) == _FIRST
+    return False
 
 
-def _rows(logs: list[Any], options: Mapping[str, Any], n_jobs: int) -> Iterator[dict[str, Any]]:
-    """The row of each log, in order."""
-    n_jobs = min(n_jobs, len(logs) // _FEWEST)
-    if n_jobs < 2:
-        yield from (row_of(log, options) for log in logs)
-        return
+def _rows(
+    logs: Mapping[str, Any], options: Mapping[str, Any], n_jobs: int, advance: Advance
+) -> Iterator[dict[str, Any]]:
+    """The row of each log; from processes, since two threads, which share the interpreter's lock, are no faster."""
+    tasks = (joblib.delayed(row_of)(valve, log, options) for valve, log in logs.items())
     try:
-        yield from joblib.Parallel(n_jobs, return_as="generator")(joblib.delayed(row_of)(log, options) for log in logs)
+        for row in joblib.Parallel(max(1, min(n_jobs, len(logs) // _FEWEST)), return_as="generator")(tasks):
+            yield row
+            advance(1)
     except cf.BrokenExecutor:
         raise StorageError("a process was killed, probably for want of memory: use fewer (n_jobs, --jobs)") from None
 
 
-def row_of(log: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The diagnosis of one log as numbers and texts by name; ``log`` and ``problem`` alone if it fails."""
-    row = {"log": str(log) if isinstance(log, Path) else ""}
+def row_of(valve: str, log: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The diagnosis of one log as numbers and texts by name; without numbers and with its ``problem`` if it fails."""
+    row = {"valve": valve, "log": str(log) if isinstance(log, Path) else ""}
     try:
         d = diagnose(log, **options)
     except FastcoilError as error:
@@ -213,13 +205,14 @@ def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
 def _csv(ds: xr.Dataset) -> str:
     """The survey as CSV: a row for each valve, units in the header, empty cells where there is no value."""
     frame = ds.to_dataframe().reset_index()
-    for name in frame.select_dtypes("object"):
+    for name in ("valve", *_TEXTS):
         frame[name] = frame[name].map(no_formula)
     units = {name: values.attrs.get("units", "1") for name, values in ds.data_vars.items()}
     header = [name if units.get(name, "1") == "1" else f"{name} [{units[name]}]" for name in frame]
     return str(frame.to_csv(index=False, header=header, lineterminator="\n"))
 
 
+AT_FAULT = "with hunting or a gap"
 HEAD = ("valve", "error, K·h a day", "motor, strokes a day", "gap", "swing", "cause")
 
 
@@ -235,19 +228,17 @@ def cells(ds: xr.Dataset) -> list[list[str]]:
     return rows
 
 
-def wants_work(ds: xr.Dataset) -> xr.DataArray:
-    """Which valves of a survey hunt, or have an identified backlash above 1 % of the stroke."""
-    return ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD))
+def states(ds: xr.Dataset) -> dict[str, int]:
+    """How many valves are in which state; each is in one."""
+    failed, work = ds["problem"] != "", ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD))
+    unclear = ~failed & ~work & (ds["cause"] == UNKNOWN)
+    found = {AT_FAULT: work, "without": ~(failed | work | unclear), "undecided": unclear, "not read": failed}
+    return {words: int(state.sum()) for words, state in found.items()}
 
 
 def headline(ds: xr.Dataset) -> str:
-    """How many valves are in which state."""
-    failed, work = ds["problem"] != "", wants_work(ds)
-    unclear = ~failed & ~work & (ds["cause"] == UNKNOWN)
-    states = {"hunt or have a gap": work, "show neither": ~(failed | work | unclear), "cannot be judged": unclear,
-              "could not be read": failed}  # fmt: skip
-    found = {words: int(state.sum()) for words, state in states.items()}
-    return f"Of {ds.sizes['valve']:,} valves " + ", ".join(f"{n:,} {words}" for words, n in found.items() if n) + "."
+    """``states`` in a sentence."""
+    return f"{ds.sizes['valve']:,} valves: " + ", ".join(f"{n:,} {words}" for words, n in states(ds).items() if n)
 
 
 def _page(ds: xr.Dataset) -> Page:
@@ -256,15 +247,13 @@ def _page(ds: xr.Dataset) -> Page:
     texts = (ds[name].values[is_read] for name in ("advice", "reason", "because"))
     rows = [[*row, next(filter(None, text), "")] for row, *text in zip(cells(ds), *texts, strict=True)]
     problems = list(zip(*(ds[name].values[~is_read] for name in ("valve", "problem")), strict=True))
-    note = "Gap: share of the stroke, with its 95 % interval.  A dash: none that the log shows."
-    measure = (
-        "Error: size of the difference between supply temperature and set-point, integrated over 24 h of operation; "
-        "while the valve is shut it counts as 0.  0.1 K all day is 2.4 K·h.  Each log was diagnosed alone."
+    note = (
+        "Error: size of the difference between supply temperature and set-point, integrated over 24 h of operation, 0 "
+        "while the valve is shut; 0.1 K all day is 2.4 K·h.  Gap: share of the stroke, with its 95 % interval."
     )
     sections = [
         Section("Ranked by control error", [Table("", [*HEAD, "what to do"], rows, note)] if rows else []),
         Section("Logs that could not be read", [Table("", ["valve", "reason"], problems)] if problems else []),
-        Section("How this was computed", [Words([measure])]),
     ]
     question = "Which valves cost most if they are left as they are, and what helps?"
     title = f"Survey of {ds.sizes['valve']:,} valves"

@@ -1,0 +1,174 @@
+"""``fc.survey``: many valves ranked by their control error, as a Dataset, a page and a table; bad logs stop nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+from helpers.commands import fastcoil
+from helpers.loop_logs import loop_log, write_log
+from helpers.pages import Page
+from helpers.refusals import assert_only_problem, problems
+
+import fastcoil as fc
+from fastcoil.base.text import no_formula
+
+ORDER = ["worn", "a/AHU", "b/AHU", "blind", "bad", "empty"]
+
+
+@pytest.fixture(scope="module")
+def building(tmp_path_factory):
+    """Six logs in two folders: a loop that hunts, a worn valve and a good one of one name, and three with flaws."""
+    root = tmp_path_factory.mktemp("building")
+    for name in "ab":
+        (root / name).mkdir()
+    worn = loop_log(hours=3, kp=0.04, ti=18.0, backlash=0.06)
+    write_log(worn, root / "a" / "worn.csv")
+    write_log(loop_log(hours=3), root / "a" / "AHU.csv")
+    write_log(loop_log(hours=3, backlash=0.0, kp=0.03, seed=2), root / "b" / "AHU.csv")
+    write_log(worn, root / "blind.csv")
+    text = (root / "blind.csv").read_text().replace("T_set", "other").splitlines()
+    (root / "b" / "blind.csv").write_text("\n".join(line.rpartition(",")[0] for line in text))
+    (root / "blind.csv").unlink()
+    (root / "a" / "empty.csv").write_text("")
+    (root / "b" / "bad.csv").write_text("elapsed_time [s],command [%],T_sup [degC]\n0,5,14\n10,x,14\n")
+    (root / "b" / "notes.txt").write_text("no log")
+    return root
+
+
+@pytest.fixture(scope="module")
+def found(building):
+    return fc.survey([building / "a", building / "b"], building / "out", stroke_time=90.0, n_jobs=1)
+
+
+def test_the_costliest_comes_first_and_what_could_not_be_read_last(found):
+    assert list(found.valve.values) == ORDER
+    cost = found.degree_hours.values
+    assert cost[0] > cost[1] > cost[2] > 0.0
+    assert np.isnan(cost[3:]).all()
+    assert found.degree_hours.attrs["units"] == "K h d-1"
+    assert list(found.problem.values != "") == [False] * 4 + [True] * 2
+    assert "command = 'x'" in found.problem.sel(valve="bad").item()
+    assert "is empty" in found.problem.sel(valve="empty").item()
+    assert np.isnan(found.backlash.sel(valve="bad"))
+
+
+def test_a_row_is_the_diagnosis_of_its_log(found, building):
+    alone = fc.diagnose(building / "a" / "worn.csv", stroke_time=90.0)
+    row = found.sel(valve="worn")
+    assert (row.backlash, row.low, row.high) == (alone.backlash, *alone.interval)
+    assert (row.identified, row.hunts, row.cause) == (alone.identified, alone.hunts, alone.cause)
+    assert (row.advice, row.because, row.reason) == (str(alone.advice), alone.because, alone.reason)
+    assert all(float(row[name]) == float(value) for name, value in alone.indices.items())
+    error = np.abs(alone.signals.T_sup - alone.signals.T_set)
+    assert float(row.degree_hours) == pytest.approx(24 * float(error.mean()), rel=0.01)
+
+
+def test_hours_off_or_with_the_valve_shut_count_as_no_error():
+    log = loop_log(hours=4, noise=0.0)
+    n = log.sizes["elapsed_time"]
+    half = np.arange(n) < n // 2
+    as_it_is = fc.survey({"x": log}).degree_hours.item()
+    shut = log.assign(command=log.command.where(half, 0.0), T_sup=log.T_sup.where(half, 10.0))
+    assert fc.survey({"x": shut}).degree_hours.item() < as_it_is
+    off = shut.assign(enabled=("elapsed_time", half * 1.0, {"units": "1"}))
+    assert fc.survey({"x": off}).degree_hours.item() == pytest.approx(2 * fc.survey({"x": shut}).degree_hours.item())
+
+
+def test_the_table_holds_the_dataset(found, building):
+    table = pd.read_csv(building / "out" / "survey.csv", index_col="valve", keep_default_na=False, na_values={})
+    assert list(table.index) == ORDER
+    table = table.rename(columns=lambda header: header.partition(" [")[0])
+    assert set(table) == set(found.data_vars)
+    for name, values in found.data_vars.items():
+        if values.dtype.kind == "f":
+            np.testing.assert_allclose(pd.to_numeric(table[name]), values, rtol=1e-12)
+        else:
+            assert list(table[name].astype(str)) == [no_formula(str(value)) for value in values.values]
+
+
+def test_the_page_stands_alone_and_names_every_valve(found, building):
+    page = Page(building / "out" / "survey.html")
+    page.require_alone()
+    assert "6 valves: " in page.text
+    for valve in ORDER:
+        assert valve in page.text
+    assert found.advice.sel(valve="worn").item() in page.text
+    assert found.problem.sel(valve="empty").item() in page.text
+
+
+def test_a_survey_is_no_log_and_replaces_itself_alone(building, tmp_path):
+    write_log(loop_log(hours=3), tmp_path / "AHU.csv")
+    for _ in range(2):
+        ds = fc.survey(tmp_path, tmp_path)
+    assert list(ds.valve.values) == ["AHU"]
+    before = (tmp_path / "AHU.csv").read_bytes()
+    assert_only_problem(["no survey"], fc.survey, tmp_path, tmp_path / "AHU.csv")
+    assert (tmp_path / "AHU.csv").read_bytes() == before
+    assert_only_problem(["NAME.html"], fc.survey, tmp_path, tmp_path / "out.txt")
+
+
+def test_mistakes_are_told_together_before_any_log_is_read():
+    told = "\n".join(problems(fc.survey, [], 5, stroke_time=-1.0, drop="yes", n_jobs=0, progress=2))
+    for name in ("logs", "out", "stroke_time", "drop", "n_jobs", "progress"):
+        assert name in told
+    with pytest.raises(TypeError, match="unit"):
+        fc.survey("logs", unit={"command": "%"})
+    assert_only_problem(["logs is a Dataset"], fc.survey, loop_log(hours=1))
+
+
+def test_processes_find_the_same(building):
+    logs = [building / "a" / "AHU.csv"] * 8
+    logs = {str(k): path for k, path in enumerate(logs)}
+    several, alone = fc.survey(logs, n_jobs=2), fc.survey({"0": logs["0"]}, n_jobs=1)
+    assert several.sizes["valve"] == 8
+    for name, values in alone.data_vars.items():
+        if values.dtype.kind == "f":
+            np.testing.assert_allclose(several[name].values, np.repeat(values.values, 8), rtol=1e-9)
+        else:
+            assert set(several[name].values) == {values.item()}
+
+
+def test_the_command_lists_the_worst_and_its_exit_code_says_whether_there_is_work(building, tmp_path):
+    logs = (building / "a", building / "b", "--fleet", "--stroke-time", 90)
+    done = fastcoil("diagnose", *logs, "-o", tmp_path / "page.html")
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    assert lines[0] == "6 valves: 3 with hunting or a gap, 1 without, 2 not read"
+    assert [line.split()[0] for line in lines[2:6]] == ORDER[:4]
+    assert any(line.startswith("Not read: empty: ") for line in lines)
+    assert (tmp_path / "page.html").is_file()
+    assert fastcoil("diagnose", *logs, "--fail").exit_code == 1
+    good = building / "b" / "AHU.csv"
+    assert fastcoil("diagnose", good, "--fleet", "--fail").exit_code == 0
+    assert fastcoil("diagnose", good, "--fail").exit_code == 0
+    assert fastcoil("diagnose", building / "a" / "AHU.csv", "--fail", "--stroke-time", 90).exit_code == 1
+    none = fastcoil("diagnose", building / "a" / "empty.csv", "--fleet")
+    assert none.exit_code == 2
+    assert "no log could be read" in none.output
+    assert fastcoil("diagnose", good, "--jobs", 2).exit_code == 2
+    assert fastcoil("diagnose", good, "--fleet", "--report", tmp_path / "r.html").exit_code == 2
+
+
+def test_several_files_are_days_of_one_valve(building):
+    done = fastcoil("diagnose", building / "a" / "AHU.csv", building / "a" / "AHU.csv", "--stroke-time", 90)
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith("AHU.csv and 1 more: 6.0 h")
+
+
+@pytest.mark.alone
+def test_an_interrupt_leaves_nothing_half_written(building, tmp_path):
+    for k in range(100):
+        os.link(building / "a" / "AHU.csv", tmp_path / f"{k}.csv")
+    command = [sys.executable, "-m", "fastcoil", "diagnose", str(tmp_path), "--fleet", "-o", str(tmp_path / "out.html")]
+    run = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True, text=True)
+    time.sleep(5.0)
+    os.killpg(run.pid, signal.SIGINT)
+    _, said = run.communicate(timeout=30)
+    assert run.returncode == 130, said
+    assert said.strip() == "fastcoil: interrupted"
+    assert {path.suffix for path in tmp_path.iterdir()} == {".csv"}
