@@ -35,8 +35,9 @@ _NUMBERS = {
     "high": ("1", "upper end of its 95 % interval"),
     "hours": ("h", "hours of operation in the log"),
 } | INDICES
-_FLAGS = ("identified", "hunts")
 _TEXTS = ("cause", "because", "advice", "reason", "notes", "problem", "log")
+_MISSING: dict[str, Any] = {**dict.fromkeys(_NUMBERS, np.nan), "identified": False, "hunts": False,
+                            **dict.fromkeys(_TEXTS, "")}  # fmt: skip
 _CURE = "give CSV files, a folder of them, or a mapping of names to logs"
 _FIRST = b"valve,degree_hours [K h d-1],"  # begins the header of a table
 
@@ -159,13 +160,12 @@ def _rows(
 
 def row_of(valve: str, log: Any, options: Mapping[str, Any]) -> dict[str, Any]:
     """The diagnosis of one log as numbers and texts by name; without numbers and with its ``problem`` if it fails."""
-    row = {"valve": valve, "log": str(log) if isinstance(log, Path) else ""}
+    row = {"valve": valve, **_MISSING, "log": str(log) if isinstance(log, Path) else ""}
     try:
         d = diagnose(log, **options)
-    except FastcoilError as error:
-        return row | {"problem": "; ".join(str(error).split("\n"))}
     except Exception as error:  # one log must not end the survey of all others
-        return row | {"problem": f"fastcoil failed on this log, please report it: {type(error).__name__}: {error}"}
+        bug = "" if isinstance(error, FastcoilError) else f"please report this error: {type(error).__name__}: "
+        return row | {"problem": bug + "; ".join(str(error).split("\n"))}
     return row | {str(name): float(value) for name, value in d.indices.items()} | {
         "degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"],
         "backlash": d.backlash, "low": d.interval[0], "high": d.interval[1], "identified": d.identified,
@@ -179,26 +179,22 @@ def degree_hours(d: Diagnosis) -> float:
     if "T_set" not in d.signals:
         return np.nan
     T, T_set, command = (d.signals[name].values for name in ("T_sup", "T_set", "command"))
-    counted = np.isfinite(T + T_set + command)
-    if "enabled" in d.signals:
-        counted &= d.signals["enabled"].values > 0.0
-    error = np.where(command > CLOSED, np.abs(T - T_set), 0.0)[counted]
+    on = d.signals["enabled"].values > 0.0 if "enabled" in d.signals else True
+    error = np.where(command > CLOSED, np.abs(T - T_set), 0.0)[np.isfinite(T + T_set + command) & on]
     return 24.0 * float(error.mean()) if error.size else np.nan
 
 
 def _rank(row: Mapping[str, Any]) -> tuple[Any, ...]:
     """Costliest first; logs without a set-point by the travel of the motor; then those without a diagnosis."""
-    cost, travel = row.get("degree_hours", np.nan), row.get("motor_travel", np.nan)
-    return "problem" in row, np.isnan(cost), -np.nan_to_num(cost), -np.nan_to_num(travel), row["valve"]
+    cost, travel = row["degree_hours"], row["motor_travel"]
+    return row["problem"] != "", np.isnan(cost), -np.nan_to_num(cost), -np.nan_to_num(travel), row["valve"]
 
 
 def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
     ds = xr.Dataset(coords={"valve": np.array([row["valve"] for row in rows], dtype=object)})
-    missing: dict[str, Any] = dict.fromkeys(_NUMBERS, np.nan) | dict.fromkeys(_FLAGS, False) | dict.fromkeys(_TEXTS, "")
-    for name, value in missing.items():
+    for name in _MISSING:
         attrs = dict(zip(("units", "long_name"), _NUMBERS.get(name, ()), strict=False))
-        kind = object if value == "" else type(value)
-        ds[name] = ("valve", np.array([row.get(name, value) for row in rows], dtype=kind), attrs)
+        ds[name] = ("valve", np.array([row[name] for row in rows], dtype=object if name in _TEXTS else None), attrs)
     return ds.assign_attrs(title="fastcoil survey")
 
 
@@ -213,7 +209,7 @@ def _csv(ds: xr.Dataset) -> str:
 
 
 AT_FAULT = "with hunting or a gap"
-HEAD = ("valve", "error, K·h a day", "motor, strokes a day", "gap", "swing", "cause")
+HEAD = ("valve", "K·h a day", "strokes a day", "gap", "swing", "cause")
 
 
 def cells(ds: xr.Dataset) -> list[list[str]]:
@@ -222,7 +218,7 @@ def cells(ds: xr.Dataset) -> list[list[str]]:
     for k in np.flatnonzero(ds["problem"].values == ""):
         one = {str(name): values.values[k] for name, values in ds.variables.items()}
         gap = f"{100 * one['backlash']:.3g} % ({100 * one['low']:.3g} to {100 * one['high']:.3g})"
-        swing = f"± {number(one['peak_to_peak'] / 2, 2)} K every {number(one['period'] / 60, 2)} min"
+        swing = f"± {number(one['peak_to_peak'] / 2, 2)} K, {number(one['period'] / 60, 2)} min"
         rows.append([one["valve"], number(one["degree_hours"]), number(one["motor_travel"]),
                      gap if one["identified"] else NONE, swing if one["hunts"] else NONE, one["cause"]])  # fmt: skip
     return rows
@@ -244,12 +240,13 @@ def headline(ds: xr.Dataset) -> str:
 def _page(ds: xr.Dataset) -> Page:
     """The survey as a page: every valve with what to do, and every log that could not be diagnosed."""
     is_read = ds["problem"].values == ""
-    texts = (ds[name].values[is_read] for name in ("advice", "reason", "because"))
-    rows = [[*row, next(filter(None, text), "")] for row, *text in zip(cells(ds), *texts, strict=True)]
+    texts = (ds[name].values[is_read] for name in ("advice", "reason"))
+    rows = [[*row, next(filter(None, text), NONE)] for row, *text in zip(cells(ds), *texts, strict=True)]
     problems = list(zip(*(ds[name].values[~is_read] for name in ("valve", "problem")), strict=True))
     note = (
-        "Error: size of the difference between supply temperature and set-point, integrated over 24 h of operation, 0 "
-        "while the valve is shut; 0.1 K all day is 2.4 K·h.  Gap: share of the stroke, with its 95 % interval."
+        "K·h: size of the difference between supply temperature and set-point, integrated over 24 h of operation, 0 "
+        "while the valve is shut; 0.1 K all day is 2.4 K·h.  Strokes: of the motor.  Gap: share of the stroke, with "
+        "its 95 % interval.  Swing: of the supply temperature, with its period."
     )
     sections = [
         Section("Ranked by control error", [Table("", [*HEAD, "what to do"], rows, note)] if rows else []),
