@@ -12,6 +12,7 @@ from fastcoil.measured.grid import all_good
 
 _FROM_SET_POINT, _OUTSIDE = 15.0, 10.0
 """K by which T_sup may typically lie off T_set with the valve in control, and outside of entering air and water."""
+_TOGETHER = 6.0  # K within which temperatures come that only a wrong unit held apart
 _OVER, _AFTER_SET_POINT = 120.0, 300.0  # s
 FARTHEST = 180.0  # s by which the clocks of two columns may differ
 _USUAL, _CLEARER = 0.9, 2.0
@@ -22,8 +23,8 @@ for each second between samples.  On other valves than those of the table ``plac
 1 to 2 %, those of another plant on the same schedule less in 2 % (log of 10 s) to 8 % (60 s)."""
 
 
-def require_agreement(log: Log) -> None:
-    """Refuse a log whose temperatures cannot be of one air stream."""
+def require_agreement(log: Log) -> list[str]:
+    """Refuse a log whose temperatures are in wrong units; return a warning for others that do not agree."""
     values, T = log.values, log.values["T_sup"]
     known = np.isfinite(T) & (values.get("enabled", np.ones(T.size)) != 0.0)
     checks: list[tuple[tuple[str, ...], Mask, Array, float]] = []
@@ -35,13 +36,27 @@ def require_agreement(log: Log) -> None:
         of_air, of_water = values["T_a_in"], values["T_w_in"]
         outside = np.maximum(T - np.maximum(of_air, of_water), np.minimum(of_air, of_water) - T)
         checks.append((("T_sup", "T_a_in", "T_w_in"), known, outside, _OUTSIDE))
-    problems = []
+    problems, warnings = [], []
     for names, here, apart, most in checks:
         if here.any() and np.median(apart[here]) > most:
             typical = ", ".join(f"{name} {np.median(values[name][here]):.3g}" for name in names)
-            problems.append(f"{log.name}: {typical} degC, as they typically are, do not agree: check their units")
+            said = f"{log.name}: {typical} degC, as they typically are, do not agree: check "
+            if len(names) > 2 or _is_of_unit(T[here], values["T_set"][here]):
+                problems.append(f"{said}their units")
+            else:
+                warnings.append(f"{said}the columns, the sensor and the valve")
     if problems:
         raise InputError(problems)
+    return warnings
+
+
+def _is_of_unit(T: Array, T_set: Array) -> bool:
+    """Whether a temperature and its set-point come together if one of them is in °F instead of °C, or the reverse."""
+    return any(
+        np.median(np.abs(as_read - other)) < _TOGETHER
+        for one, other in ((T, T_set), (T_set, T))
+        for as_read in ((one - 32.0) / 1.8, 1.8 * one + 32.0)
+    )
 
 
 class Law(NamedTuple):

@@ -8,9 +8,9 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, number_of
 from fastcoil.base.errors import InputError
-from fastcoil.logs import read_log
+from fastcoil.logs import Log, read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.logs.series import COLUMNS
+from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import cause_of, predictions_of
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
@@ -18,11 +18,16 @@ from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backlash_of, shown_by
 from fastcoil.measured.measures import Measures, measures_of
+from fastcoil.measured.part import runs
+from fastcoil.measured.triage import triage_of, warnings_of
 
 _WANTED = Wanted(
-    needed=("command", "T_sup"), optional=("T_set", "m_a", "T_a_in", "enabled"), measured=("T_sup", "m_a", "T_a_in")
+    needed=("command", "T_sup"),
+    optional=("T_set", "m_a", "T_a_in", "enabled"),
+    measured=("T_sup", "T_set", "m_a", "T_a_in"),
 )
 _LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1  # of a stroke or of the time between two samples of a controller, s
+_WITHOUT_SET_POINT = 600.0  # s; values that are missing for less are held
 WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
 size is claimed."""
@@ -81,10 +86,11 @@ def diagnose(
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     if not logs:
         raise InputError("log = []: give a log, or a list of logs of one valve")
-    names, grids, notes = [], [], []
+    names, grids, notes, warnings = [], [], [], []
     for one in logs:
         data = read_log(_measured(one) if "T_sup" not in (columns or {}) else one, _WANTED, how)
-        require_agreement(data)
+        warnings += require_agreement(data)
+        _off_without_set_point(data)
         grid, of_grid = on_grid(data)
         names.append(data.name)
         grids.append(grid)
@@ -120,6 +126,7 @@ def diagnose(
             "command between two samples are lost"
         )
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
+    triage = triage_of(grid)
     return Diagnosis(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
         backlash=found.backlash,
@@ -141,6 +148,8 @@ def diagnose(
         ),
         predictions=None if doubt or isinstance(loop, str) else predictions_of(loop, cause.name),
         signals=_signals(grid, measures),
+        triage=triage,
+        warnings=[*warnings_of(triage), *warnings],
         notes=notes,
     )
 
@@ -148,6 +157,19 @@ def diagnose(
 def _measured(log: Any) -> Any:
     """A Dataset of ``fc.simulate`` with the temperature that its controller read."""
     return log.assign(T_sup=log["T_measured"]) if hasattr(log, "data_vars") and "T_measured" in log else log
+
+
+def _off_without_set_point(log: Log) -> None:
+    """Take the plant for off where the set-point is missing for ten minutes or more, if no column says when it is."""
+    if "T_set" not in log.values or "enabled" in log.values or log.change_of_value:
+        return
+    missing = np.isnan(log.values["T_set"])
+    off = np.zeros(missing.size, dtype=bool)
+    for first, last in runs(missing):
+        off[first:last] = last - first > 1 and (last - first) * log.step >= _WITHOUT_SET_POINT
+    if off.any():
+        log.values["enabled"] = np.where(off, 0.0, 1.0)
+        log.notes.append(f"{counted(off, 'row')} without T_set: the plant counts as off there")
 
 
 def _seconds_of(name: str, value: Any, least: float) -> float:

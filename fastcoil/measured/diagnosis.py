@@ -14,6 +14,7 @@ from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise, per_cent
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
 from fastcoil.measured.identify import GOOD
+from fastcoil.measured.triage import STATES, SWINGS, headline_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,6 +69,14 @@ class Diagnosis(Result):
         where there is no model.
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
+    triage
+        Dataset over ``hour``: the ``state`` of every hour in a word, shares of the hour (``enabled``, ``in_control``,
+        ``saturated``, ``not_responding``), ``error`` and ``swing`` (peak to peak, K), ``period`` (s), and in
+        ``log_limits`` what the log of that hour cannot show.
+    warnings
+        A sentence on each fault that lasts, the worst first.
+    headline
+        What matters most, and what to log again.
     advice
         What to do, in a sentence, with kp and ti.
     notes
@@ -86,14 +95,21 @@ class Diagnosis(Result):
     indices: xr.Dataset
     predictions: xr.Dataset | None
     signals: xr.Dataset
+    triage: xr.Dataset
+    warnings: list[str]
     notes: list[str]
 
     def summary(self) -> list[str]:
         """The diagnosis in words, line by line."""
         hours = self.signals.attrs["hours"]
         lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
-        lines += [_gap(self), _hunting(self), *_predicted(self), *filter(None, [self.advice])]
+        lines += [self.headline, _gap(self), _hunting(self), *_predicted(self), *filter(None, [self.advice])]
         return lines + [f"Note: {note}" for note in self.notes]
+
+    @property
+    def headline(self) -> str:
+        """What matters most in the log, and what to log again, in one or two sentences."""
+        return headline_of(self.triage)
 
     @property
     def advice(self) -> str:
@@ -158,6 +174,9 @@ def _hunting(d: Diagnosis) -> str:
     if not d.hunts:
         return f"Hunting: not clear: {d.because}"
     every = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
+    swinging = d.triage["swing"].values[d.triage["state"].values == SWINGS]
+    if swinging.size and np.median(swinging) > _MORE * 2 * size:
+        every += " in the mean of the log"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
     blamed = {
         BACKLASH: ", probably because of the gap:",
@@ -196,8 +215,17 @@ _BY_STEP_TEST = "Do this: raise Ti to the lag of one step test (see the page on 
 
 
 _TELLING = 7200.0  # seconds that are drawn
-_SIZE = (7.5, 6.8)
+_SIZE = (7.5, 7.6)
 _ROOM = 160.0  # per cent of the longest bar, for the words behind it
+_MORE = 1.3  # a swing of some hours is that much larger than the mean of the log
+_LONG = 48  # hours from which the strip shows days
+_COLOURS = dict(
+    zip(
+        STATES,
+        (FAINT, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE),
+        strict=True,
+    )
+)
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 
@@ -206,13 +234,14 @@ def _page(d: Diagnosis) -> Figure:
     from matplotlib.figure import Figure
 
     fig = Figure(figsize=_SIZE, layout="constrained")
-    grid = fig.add_gridspec(3, 2, height_ratios=(1.0, 0.8, 1.3))
-    temperature = fig.add_subplot(grid[0, :])
+    grid = fig.add_gridspec(4, 2, height_ratios=(0.2, 1.0, 0.8, 1.3))
+    _draw_hours(fig.add_subplot(grid[0, :]), d.triage)
+    temperature = fig.add_subplot(grid[1, :])
     seen = d.signals.isel(elapsed_time=_telling(d.signals))
-    _draw_log(temperature, fig.add_subplot(grid[1, :], sharex=temperature), seen)
-    _draw_profile(fig.add_subplot(grid[2, 0]), d)
-    _draw_predictions(fig.add_subplot(grid[2, 1]), d)
-    headline = d.summary()[:3]
+    _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), seen)
+    _draw_profile(fig.add_subplot(grid[3, 0]), d)
+    _draw_predictions(fig.add_subplot(grid[3, 1]), d)
+    headline = d.summary()[:4]
     fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
     return fig
 
@@ -226,6 +255,25 @@ def _telling(signals: xr.Dataset) -> slice:
     travel = np.cumsum(np.concatenate([[0.0], counts]))
     start = int(np.argmax(travel[width:] - travel[:-width]))
     return slice(start, start + width)
+
+
+def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
+    """A strip of the states, hour by hour; lines between days in a log of more than two."""
+    from matplotlib.patches import Patch
+
+    hours, state = triage["hour"].values, triage["state"].values
+    places = np.arange(hours.size)  # hours without a sample take no room
+    axes.bar(places, 1.0, width=1.0, align="edge", color=[_COLOURS[one] for one in state])
+    if hours.size > _LONG:
+        ends = np.flatnonzero(np.diff(hours // 24)) + 1
+        axes.vlines(ends, 0.0, 1.0, color="black", lw=0.6)
+        axes.set_xticks([0, *ends], hours[[0, *ends]])
+    axes.set(xlim=(0, hours.size), ylim=(0, 1), yticks=[], xlabel="hour of the log")
+    axes.grid(visible=False)
+    axes.set_title("Hour by hour", loc="left")
+    occur = [one for one in STATES if one in state]
+    axes.legend(handles=[Patch(color=_COLOURS[one], label=one) for one in occur], ncols=len(occur), handlelength=0.8,
+                columnspacing=1.0, **_ABOVE)  # fmt: skip
 
 
 def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:

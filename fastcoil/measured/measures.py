@@ -223,7 +223,7 @@ def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
         return "the log has no set-point (T_set), and its changes hide a swing: log it, too"
     if swing.peak_to_peak > WIDE and swing.regularity > REGULAR:
         return (
-            f"the temperature swings by ± {swing.peak_to_peak / 2:.2g} K about every {swing.period / 60:.0f} min, but "
-            "not evenly enough to be sure: log every 10 s, with half an hour between two changes of the set-point"
+            "the swing is not even enough to judge the whole log: log every 10 s, with half an hour between two "
+            "changes of the set-point"
         )
     return ""

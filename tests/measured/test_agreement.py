@@ -21,15 +21,22 @@ def log():
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        (lambda log: log.assign(T_set=log.T_set + 20.0), "T_sup 14.*, T_set 34.* degC.* do not agree: check"),
+        (lambda log: log.assign(T_set=1.8 * log.T_set + 32.0), "T_sup 14.*, T_set 58.* degC.* do not agree: check"),
         (lambda log: log.isel(elapsed_time=slice(None, 20)).assign_coords(
             elapsed_time=("elapsed_time", 86400.0 * np.arange(20), {"units": "s"})), "a sample every 86,400 s"),
     ],
-    ids=["far apart", "a row a day"],
+    ids=["another unit", "a row a day"],
 )  # fmt: skip
-def test_a_log_of_two_air_streams_or_of_a_row_a_day_is_refused(log, changed, says):
+def test_a_log_of_two_units_or_of_a_row_a_day_is_refused(log, changed, says):
+    log = changed(log)
+    log.T_set.attrs["units"] = "degC"
     with pytest.raises(fc.InputError, match=says):
-        fc.diagnose(changed(log), stroke_time=90.0)
+        fc.diagnose(log, stroke_time=90.0, units={"T_set": "degC"})  # trusted by the reader
+
+
+def test_a_temperature_far_from_its_set_point_that_no_unit_explains_is_a_warning(log):
+    found = fc.diagnose(log.assign(T_set=log.T_set + 20.0), stroke_time=90.0)
+    assert any("T_sup 14" in one and "do not agree: check the columns" in one for one in found.warnings)
 
 
 def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(log):

@@ -123,7 +123,7 @@ def test_a_wide_swing_that_is_not_even_enough_is_not_called_calm():
     said, swing = seen(0.7, 0.8)
     assert not swing.is_regular
     assert said.name == "unknown"
-    assert "every 4 min, but not evenly enough" in said.because
+    assert "not even enough" in said.because
     assert seen(0.07, 0.08)[0].name == "none"
 
 

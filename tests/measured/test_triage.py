@@ -1,0 +1,188 @@
+"""What every hour of a log was like: made-up logs of each state, at several intervals; what the headline says."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from helpers.loop_logs import loop_log
+
+import fastcoil as fc
+from fastcoil.measured import triage
+from fastcoil.measured.triage import STATES, VARIABLES
+
+INTERVALS = (10.0, 60.0, 300.0, 900.0)
+
+
+def made_up(interval=60.0, hours=10.0, T_a_in=None, enabled=None, **signals):
+    """A cooling log of constants or functions of hours: command 0.4, T_sup = T_set = 14 °C, unless given."""
+    time = np.arange(0.0, hours * 3600.0, interval)
+    noise = np.random.default_rng(1).normal(0.0, 0.03, time.size)
+    values = {"command": 0.4, "T_sup": 14.0, "T_set": 14.0} | signals
+    values |= {name: one for name, one in (("T_a_in", T_a_in), ("enabled", enabled)) if one is not None}
+    units = {"command": "1", "enabled": "1"}
+    log = xr.Dataset(coords={"elapsed_time": ("elapsed_time", time, {"units": "s"})})
+    for name, one in values.items():
+        series = np.broadcast_to(one(time / 3600.0) if callable(one) else one, time.shape)
+        series = series + noise if name == "T_sup" else np.clip(series, 0.0, 1.0) if name == "command" else series
+        log[name] = ("elapsed_time", series.astype(float), {"units": units.get(name, "degC")})
+    return log
+
+
+def states(found):
+    return found.triage.state.values.tolist()
+
+
+def swing(size, minutes, about=14.0, late=0.0):
+    return lambda h: about + size * np.sin(2.0 * np.pi * (60.0 * h - late) / minutes)
+
+
+@pytest.mark.parametrize("interval", INTERVALS)
+def test_a_good_loop_is_in_control_and_has_no_warnings(interval):
+    found = fc.diagnose(loop_log(hours=10.0, steps=False, interval=interval), stroke_time=90.0)
+    assert not found.warnings
+    assert set(states(found)) <= {"in control", "holding"}
+    assert found.headline.startswith("10 of 10 h in control, error typically 0.")
+    assert found.summary()[1] == found.headline
+    assert ("Log every 10 s for a day" in found.headline) == (interval > 60.0)
+    assert bool(found.triage.log_limits.values[3]) == (interval > 60.0)
+
+
+@pytest.mark.parametrize("interval", INTERVALS)
+def test_a_valve_that_is_stuck_shut_is_told_in_the_first_line(interval):
+    log = made_up(interval, command=1.0, T_sup=19.2)
+    found = fc.diagnose(log)
+    assert set(states(found)) == {"open, not met"}
+    assert found.headline.startswith(
+        "10 of 10 h: the valve is wide open and T_sup stays 5.2 K above the set-point: "
+        "no water, a stuck valve or too small a coil."
+    )
+    assert np.all(found.triage.saturated == 1.0)
+    beside = fc.diagnose(log.assign(T_a_in=log.T_sup + 0.3))
+    assert set(states(beside)) == {"not responding"}
+    assert "0.3 K below the entering air: no water, a valve stuck shut" in beside.headline
+
+
+def test_a_valve_that_is_stuck_half_open_moves_its_command_in_vain():
+    found = fc.diagnose(made_up(command=lambda h: 0.3 + 0.06 * h, T_sup=16.5, T_a_in=25.0))
+    assert states(found).count("off set-point") >= 1
+    found = fc.diagnose(made_up(command=lambda h: 0.3 + 0.3 * (h % 2.0), T_sup=16.5, T_a_in=25.0))
+    assert set(states(found)) == {"not responding"}
+    assert "the command moves and T_sup stays 2.5 K above the set-point: a stuck valve" in found.headline
+
+
+@pytest.mark.parametrize("interval", INTERVALS)
+def test_a_shut_valve_that_leaks_is_told_by_the_entering_air(interval):
+    log = made_up(interval, command=0.0, T_sup=10.0)
+    found = fc.diagnose(log)
+    assert set(states(found)) == {"shut"}
+    assert not found.warnings
+    assert interval > 60.0 or "Log T_a_in for a day" in found.headline
+    leaking = fc.diagnose(log.assign(T_a_in=log.T_sup + 8.0))
+    assert "the valve is shut and T_sup stays 8 K below the entering air: it leaks" in leaking.headline
+    assert states(leaking)[1:] == ["not responding"] * 9
+    tight = fc.diagnose(log.assign(T_a_in=log.T_sup - 1.0))  # fan heat
+    assert "10 of 10 h shut without a call" in tight.headline
+
+
+@pytest.mark.parametrize("interval", INTERVALS)
+@pytest.mark.parametrize("by", ["enabled", "T_set"])
+def test_hours_in_which_the_plant_is_off_do_not_count(interval, by):
+    log = made_up(interval, hours=24.0, T_sup=lambda h: np.where((h >= 6) & (h < 18), 14.0, 24.0))
+    runs = (log.elapsed_time >= 6 * 3600.0) & (log.elapsed_time < 18 * 3600.0)
+    log = log.assign(enabled=runs.astype(float)) if by == "enabled" else log.assign(T_set=log.T_set.where(runs))
+    log[by].attrs["units"] = {"enabled": "1", "T_set": "degC"}[by]
+    found = fc.diagnose(log, drop=by == "T_set")
+    assert states(found) == ["off"] * 6 + ["holding"] * 12 + ["off"] * 6
+    assert found.headline.startswith("12 of 12 h in control")
+    assert not found.warnings
+
+
+def test_a_start_up_is_no_fault_and_ends_when_the_set_point_is_met():
+    log = made_up(hours=12.0, enabled=lambda h: (h >= 5.0) * 1.0, command=lambda h: np.where(h < 5.75, 1.0, 0.4),
+                  T_sup=lambda h: np.where(h < 5.75, 20.0, 14.0))  # fmt: skip
+    found = fc.diagnose(log)
+    assert states(found) == ["off"] * 5 + ["start-up"] + ["holding"] * 6
+    assert not found.warnings
+
+
+@pytest.mark.parametrize(("interval", "minutes"), [(10.0, 12.0), (60.0, 12.0), (300.0, 40.0), (900.0, 80.0)])
+def test_a_swing_has_its_size_and_period(interval, minutes):
+    found = fc.diagnose(made_up(interval, T_sup=swing(1.6, minutes), command=swing(0.2, minutes, 0.5, minutes / 6)))
+    assert set(states(found)) == {"swinging"}
+    assert found.headline.startswith("10 of 10 h: T_sup swings ± 1.")
+    assert f"K about every {minutes:.0f} min" in found.headline or interval == 900.0
+    assert float(found.triage.swing.median()) == pytest.approx(3.2, rel=0.15)
+    assert float(found.triage.period.median()) == pytest.approx(60.0 * minutes, rel=0.1)
+    assert "unevenly" not in found.headline
+
+
+@pytest.mark.parametrize("interval", [300.0, 900.0])
+def test_the_size_of_a_swing_shows_where_its_period_does_not(interval):
+    found = fc.diagnose(made_up(interval, T_sup=swing(1.6, 13.0), command=swing(0.2, 13.0, 0.5, 2.0)))
+    assert float(found.triage.swing.median()) == pytest.approx(3.2, rel=0.3)
+    assert "T_sup swings ± 1." in found.headline
+    assert "Log every 10 s for a day" in found.headline
+    assert f"no swing faster than {interval / 15:.0f} min" in found.triage.log_limits.values[0]
+
+
+def test_an_uneven_swing_is_told_as_one():
+    walk = np.cumsum(np.random.default_rng(2).uniform(4.0, 24.0, 600)) / 60.0
+
+    def T(h):
+        k = np.searchsorted(walk, h)
+        return 14.0 + 1.5 * np.where(k % 2, 1.0, -1.0)
+
+    found = fc.diagnose(made_up(T_sup=T, command=swing(0.2, 30.0, 0.5)))
+    assert "unevenly" in found.headline
+
+
+def test_a_command_that_stands_or_stays_shut_against_a_call_is_named():
+    held = fc.diagnose(made_up(T_sup=17.0))
+    assert "T_sup is 3 K above the set-point with the command at 40 %: a slow loop, or one in hand" in held.headline
+
+    def command(h):
+        return np.where(h < 3.0, 0.4 + 0.1 * np.sin(20.0 * h), 0.0)
+
+    locked = fc.diagnose(made_up(command=command, T_sup=lambda h: np.where(h < 3.0, 14 + np.sin(20 * h + 0.5), 18.0)))
+    assert states(locked)[4:] == ["shut, not met"] * 6
+    assert "the command keeps the valve shut while T_sup is 4 K above" in locked.headline
+
+
+def test_a_heating_valve_is_recognised_by_its_command():
+    found = fc.diagnose(made_up(command=1.0, T_sup=9.0, T_a_in=8.6))
+    assert found.triage.attrs["cools"] == -1.0
+    assert "5 K below the set-point, 0.4 K above the entering air: no water, a valve stuck shut" in found.headline
+
+
+def test_without_a_set_point_swings_and_ends_still_show():
+    log = made_up(T_sup=swing(1.0, 15.0), command=swing(0.2, 15.0, 0.5)).drop_vars("T_set")
+    found = fc.diagnose(log)
+    assert "T_sup swings ± 1 K about every 15 min" in found.headline
+    assert "T_set is not logged" in found.triage.log_limits.values[0]
+    assert np.isnan(found.triage.error).all()
+    calm = fc.diagnose(made_up().drop_vars("T_set"))
+    assert "no fault shows; without T_set the error is not known" in calm.headline
+
+
+def test_the_table_has_units_and_the_hours_of_every_log():
+    found = fc.diagnose([made_up(hours=5.5), made_up(hours=4.0, T_sup=swing(1.6, 12.0), command=swing(0.2, 12.0, 0.5))])
+    table = found.triage
+    assert table.hour.values.tolist() == list(range(10))
+    assert states(found) == ["holding"] * 6 + ["swinging"] * 4
+    assert set(states(found)) <= set(STATES)
+    for name in VARIABLES:
+        assert table[name].dims == ("hour",)
+        assert table[name].attrs.keys() == {"units", "long_name"}
+    assert len(found.plot().axes) == 5
+    assert "Hour by hour" in [axes.get_title(loc="left") for axes in found.plot().axes]
+
+
+def test_a_plant_that_is_off_all_the_time_says_so():
+    found = fc.diagnose(made_up(enabled=0.0))
+    assert found.headline == ("The plant is off in the whole log: log hours of operation, or check the column enabled.")
+
+
+def test_the_threshold_of_the_error_decides(monkeypatch):
+    log = made_up(command=1.0, T_sup=14.8)
+    assert set(states(fc.diagnose(log))) == {"wide open"}
+    monkeypatch.setattr(triage, "MET", 0.5)
+    assert set(states(fc.diagnose(log))) == {"open, not met"}
