@@ -21,7 +21,7 @@ from fastcoil.measured.measures import Measures, measures_of
 from fastcoil.measured.part import runs
 from fastcoil.measured.triage import triage_of, warnings_of
 
-_WANTED = Wanted(
+WANTED = Wanted(
     needed=("command", "T_sup"),
     optional=("T_set", "m_a", "T_a_in", "enabled"),
     measured=("T_sup", "T_set", "m_a", "T_a_in"),
@@ -88,7 +88,7 @@ def diagnose(
         raise InputError("log = []: give a log, or a list of logs of one valve")
     names, grids, notes, warnings = [], [], [], []
     for one in logs:
-        data = read_log(_measured(one) if "T_sup" not in (columns or {}) else one, _WANTED, how)
+        data = read_log(_measured(one) if "T_sup" not in (columns or {}) else one, WANTED, how)
         warnings += require_agreement(data)
         _off_without_set_point(data)
         grid, of_grid = on_grid(data)

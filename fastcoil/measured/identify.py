@@ -219,6 +219,8 @@ TOLERANCE, GOOD = 0.2, 0.01
 LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
 USUAL_STROKE_TIME = 90.0  # s, where it is not given
+LOST = 0.1
+"""Share of itself by which a gap may be larger than is shown by a log whose samples miss turns of the valve."""
 LEAST_TURN = 0.005
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
@@ -254,6 +256,7 @@ class Shown(NamedTuple):
     doubt: str = ""  # why nothing may be claimed of this day, if so
     counts: float = 1.0  # share of the likelihood that counts, less where the valve moves between the samples
     late: float = 0.0
+    lost: float = 0.0  # share of the gap that turns between the samples may hide
 
 
 def identify_backlash(*log: Any, **known: Any) -> Identification:
@@ -276,7 +279,8 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
         logarithm += np.logaddexp.reduce([way - np.logaddexp.reduce(way) for way in of_ways])
     probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
     found = _judged(probability, any(day.provoked for day in compared), _most_frequent([day.doubt for day in compared]))
-    return found._replace(late=_most_frequent([day.late for day in compared]))
+    high = min(found.high + max(day.lost for day in compared) * found.backlash, float(CANDIDATES[-1]))
+    return found._replace(high=high, late=_most_frequent([day.late for day in compared]))
 
 
 def _most_frequent(of_days: Sequence[Any]) -> Any:
@@ -352,7 +356,7 @@ def shown_by(
         doubt = misplaced
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
-    return Shown(found, provoked, doubt, counts, samples * interval)
+    return Shown(found, provoked, doubt, counts, samples * interval, LOST if unseen and interval > HORIZON else 0.0)
 
 
 def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: int, interval: float) -> str:

@@ -1,0 +1,218 @@
+"""What is claimed of logs that cannot show a gap, and of many ordinary days of one-minute trends taken together.
+
+*Misled*: logs of 6 h with a column that does not belong to the others, or on another clock, or filled in.  Any claim of
+one is wrong where the temperature is not that of the valve, and where the log runs backwards.  *Pooled*: ten days of
+8 h, logged every 60 s.  Thresholds of ``agreement``, ``grid`` and ``identify`` were chosen on valves and days of seeds
+below 9000.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.logs import read_log
+from fastcoil.measured.diagnose import WANTED, identified
+from fastcoil.measured.grid import in_a_row, on_grid
+from fastcoil.measured.identify import GOOD, TOLERANCE, Identification
+from studies.common import write_table
+from studies.days import CONSTANT, STEPPED, of_kind
+from studies.diagnosis.diagnosis import SIMULATED, Population, logs, share, valves
+
+SEED = 9431
+VALVES, HOURS = 128, 6
+POOLED_VALVES, POOLED_DAYS, LEVELS = 240, 10, 1.5
+"""Valves and days that are pooled; the set-points of the days lie within so many K of the middle."""
+
+
+class Columns(NamedTuple):
+    """Columns of one valve on one day, a sample every ``SIMULATED`` s, (n,) each."""
+
+    command: np.ndarray
+    T_sup: np.ndarray
+    T_set: np.ndarray
+
+
+def every(own: Columns, _: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+    """The log as it is, a sample every so many seconds."""
+    step = seconds // SIMULATED
+    return Columns(*(series[::step] for series in own)), float(seconds)
+
+
+def coarse(own: Columns, _: Columns, draw: np.random.Generator, steps: tuple[int, ...]) -> tuple[Columns, float]:
+    """Command and temperature logged at times of their own, joined to the 10 s of the set-point."""
+    seconds, clock = draw.choice(steps), np.arange(0, own.T_set.size * SIMULATED, 10)
+    held, straight = (np.arange(SIMULATED * draw.integers(seconds // SIMULATED), clock[-1], seconds) for _ in range(2))
+    last = np.maximum(np.searchsorted(held, clock, side="right") - 1, 0)
+    T = np.interp(clock, straight, own.T_sup[straight // SIMULATED])
+    return Columns(own.command[held[last] // SIMULATED], T, own.T_set[::2]), 10.0
+
+
+def of_another(own: Columns, other: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+    """The temperature of another plant on the same schedule."""
+    return every(own._replace(T_sup=other.T_sup), other, draw, seconds)
+
+
+def backwards(own: Columns, other: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+    """All columns from last to first."""
+    return every(Columns(*(series[::-1] for series in own)), other, draw, seconds)
+
+
+def late(own: Columns, other: Columns, draw: np.random.Generator, seconds: int) -> tuple[Columns, float]:
+    """The command logged 30 to 60 s late."""
+    shift = int(draw.integers(30 // SIMULATED, 60 // SIMULATED + 1))
+    rest = slice(shift, None)
+    moved = Columns(own.command[:-shift], own.T_sup[rest], own.T_set[rest])
+    return every(moved, other, draw, seconds)
+
+
+class Case(NamedTuple):
+    """A way in which logs mislead, and the kind of their days."""
+
+    made: Callable[..., tuple[Columns, float]]
+    given: object
+    kind: str = STEPPED
+    belongs: bool = True
+
+
+CASES = {
+    "in order, 10 s": Case(every, 10),
+    "in order, 30 s": Case(every, 30),
+    "in order, 60 s": Case(every, 60),
+    "in order, 10 s, steady": Case(every, 10, CONSTANT),
+    "every 60 to 300 s, joined to 10 s": Case(coarse, (60, 120, 300)),
+    "every 60 s, joined to 10 s": Case(coarse, (60,)),
+    "two plants on one schedule, 10 s": Case(of_another, 10, belongs=False),
+    "two plants on one schedule, 60 s": Case(of_another, 60, belongs=False),
+    "two plants, steady, 10 s": Case(of_another, 10, CONSTANT, belongs=False),
+    "backwards, 10 s": Case(backwards, 10, belongs=False),
+    "backwards, 60 s": Case(backwards, 60, belongs=False),
+    "backwards, steady, 10 s": Case(backwards, 10, CONSTANT, belongs=False),
+    "command 30 to 60 s late, 10 s": Case(late, 10),
+    "command 30 to 60 s late, 60 s": Case(late, 60),
+}
+
+
+def claimed(columns: Columns, interval: float, stroke_time: float) -> Identification:
+    """What ``fc.diagnose`` claims of a log."""
+    return identified(on_grid(read_log(dataset(columns._asdict(), interval), WANTED))[0], stroke_time)[0]
+
+
+def dataset(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
+    """A log as a Dataset."""
+    units = {"command": "1", "m_a": "kg/s"}
+    series = {n: ("elapsed_time", values, {"units": units.get(n, "degC")}) for n, values in columns.items()}
+    time = np.arange(len(columns["command"])) * interval
+    return xr.Dataset(series, {"elapsed_time": ("elapsed_time", time, {"units": "s"})})
+
+
+def is_right(found: Identification, backlash: float) -> bool:
+    """To 20 % of the gap or 1 % of the stroke."""
+    return abs(found.backlash - backlash) <= max(TOLERANCE * backlash, GOOD) + 1e-9
+
+
+def misled() -> list[list[str]]:
+    """Claims of each case, the largest share of wrong ones first."""
+    simulated = {
+        kind: logs(Population(kind), [SEED, k], [10 * SEED + 2 * k, 10 * SEED + 2 * k + 1], VALVES)
+        for k, kind in enumerate((STEPPED, CONSTANT))
+    }
+    rows = []
+    for name, case in CASES.items():
+        of, draw = simulated[case.kind], np.random.default_rng(SEED)
+        end = HOURS * 3600 // SIMULATED
+        T_set = of.signals["T_set"][:, 0, :end]
+        claims, wrong = (xr.DataArray(np.zeros((len(T_set), VALVES), bool), dims=("day", "sample")) for _ in range(2))
+        for day in range(len(T_set)):
+            for valve in range(VALVES):
+                own, other = (
+                    Columns(of.signals["command"][day, v, :end], of.signals["T_measured"][day, v, :end], T_set[day])
+                    for v in (valve, (valve + 1) % VALVES)
+                )
+                columns, interval = case.made(own, other, draw, case.given)
+                found = claimed(columns, interval, float(of.stroke_time[valve]))
+                claims[day, valve] = found.identified
+                wrong[day, valve] = found.identified and not (case.belongs and is_right(found, of.backlash[valve]))
+        print(f"{name}: done", flush=True)
+        counted = f"{int(wrong.sum())} of {int(claims.sum())}"
+        rows.append((float(wrong.mean()), [name, share(claims), counted, share(wrong)]))
+    return [cells for _, cells in sorted(rows, key=lambda row: -row[0])]
+
+
+INPUTS = {"command, T_sup, T_set": (), "with air flow and T_in": ("m_a", "T_a_in")}
+STEPS = {"stands still, another one each day": 0, "every third day with steps": 3}
+
+
+def days_of_a_valve(steps_every: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Parameters of the valves, an eighth of them good, and their signals, (days, valves or none, n)."""
+    draw = np.random.default_rng([SEED, 3])
+    drawn = valves(Population(CONSTANT), [SEED, 4], POOLED_VALVES)
+    worn = np.where(drawn["backlash"] > 0.0, drawn["backlash"], draw.uniform(0.005, 0.15, POOLED_VALVES))
+    drawn["backlash"] = np.where(np.arange(POOLED_VALVES) % 8 == 0, 0.0, worn)
+    seeds = [10 * SEED + 100 + day for day in range(POOLED_DAYS)]
+    days = of_kind(CONSTANT, seeds)
+    T_set = days.series["T_set"] + draw.uniform(-LEVELS, LEVELS, (POOLED_DAYS, 1))
+    if steps_every:
+        T_set[::steps_every] = of_kind(STEPPED, seeds).series["T_set"][::steps_every]
+    loop = fc.Loop.preset("lbnl").assign(m_full=1.7, **{name: ("sample", values) for name, values in drawn.items()})
+    ds = fc.simulate(
+        loop, days.assign(T_set=T_set), traces=["command", "T_measured"], trace_interval=60, seed=SEED, n_jobs=1
+    )
+    signals = {
+        name: ds[trace].transpose("day", "sample", "elapsed_time").values.astype(float)
+        for name, trace in (("command", "command"), ("T_sup", "T_measured"))
+    }
+    inputs = {"T_set": T_set} | {name: np.asarray(days.series[name]) for name in ("m_a", "T_a_in")}
+    return drawn, signals | {name: values[:, np.newaxis, ::60] for name, values in inputs.items()}
+
+
+def pooled() -> list[list[str]]:
+    """Claims of ten days of each valve."""
+    rows = []
+    for how, steps_every in STEPS.items():
+        drawn, signals = days_of_a_valve(steps_every)
+        for called, inputs in INPUTS.items():
+            found = []
+            for v in range(POOLED_VALVES):
+                days = [
+                    {name: series[day, v if series.shape[1] > 1 else 0] for name, series in signals.items()}
+                    for day in range(POOLED_DAYS)
+                ]
+                grids = [
+                    on_grid(read_log(dataset({n: s for n, s in day.items() if n in (*Columns._fields, *inputs)}, 60.0),
+                                     WANTED))[0]
+                    for day in days
+                ]  # fmt: skip
+                found.append(identified(in_a_row(grids), float(drawn["stroke_time"][v]))[0])
+            sizes = drawn["backlash"]
+            claims, right, covers, accused = (
+                xr.DataArray([bool(one) for one in of], dims="sample")
+                for of in (
+                    [one.identified for one in found],
+                    [is_right(one, size) for one, size in zip(found, sizes, strict=True)],
+                    [one.low <= size <= one.high for one, size in zip(found, sizes, strict=True)],
+                    [one.identified and one.backlash > GOOD + 1e-9 and size == 0.0
+                     for one, size in zip(found, sizes, strict=True)],
+                )
+            )  # fmt: skip
+            rows.append([
+                how, called, share(claims), f"{int((claims & ~right).sum())} of {int(claims.sum())}",
+                share(right, claims), share(covers, claims), f"{int(accused.sum())} of {int((sizes == 0.0).sum())}",
+            ])  # fmt: skip
+            print(f"{how}, {called}: done", flush=True)
+    return rows
+
+
+def main() -> None:
+    """Measure both and write the tables."""
+    title = f"Logs of {HOURS} h that mislead, and logs in order: {VALVES} valves × 2 days each"
+    head = ["log", "claimed", "wrong claims", "wrong, of all logs"]
+    write_table("diagnosis/claims_misled", title, head, misled())
+    title = f"{POOLED_DAYS} days of 8 h, logged every 60 s, taken together: {POOLED_VALVES} valves"
+    head = ["set-point", "columns", "claimed", "wrong claims", "right of claimed", "interval of claimed covers",
+            "good valves accused"]  # fmt: skip
+    write_table("diagnosis/claims_pooled", title, head, pooled())
