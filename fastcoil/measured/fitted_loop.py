@@ -264,9 +264,7 @@ def fit_loop_model(
     pi = recover_pi(command, temperature, T_set, interval, good, sample_time)
     if isinstance(pi, str):
         return pi
-    is_held = pi.sample_time >= interval
-    sign = -1.0 if pi.kp > 0.0 else 1.0
-    plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, is_held, sign)
+    plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, pi)
     if plant is None:
         return "no plant that answers the valve explains the log: the temperature hardly follows the command"
     day = _day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval))

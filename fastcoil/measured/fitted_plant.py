@@ -23,6 +23,11 @@ HELD = 1e-9  # a command that changes by less is held
 LEAST_CHANGES, LEAST_PI_ROWS = 20, 30
 BUSY = 20  # changes of the command in a row whose mean distance is the sample time, where it is shortest
 EXACT = 1e-3  # residual, as a share of the changes, below which the log holds every sample of the controller
+_PHASE, _AGREES = 0.1, 0.02
+"""Of the log's interval: step of the phase at which a controller of another rhythm samples; share of the command's
+changes by which a phase may agree with them less than the best."""
+FAST = (1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0)
+"""Sample times of a controller that are tried where the log is coarser, s."""
 ROW_LAGS = (1, 2, 4)  # changes that a row of the fit spans
 USUAL = 10.0  # seconds between samples of a controller that a coarser log does not resolve
 LESS = 0.9
@@ -38,6 +43,14 @@ class RecoveredPI(NamedTuple):
     ti: float  # s
     sample_time: float  # s
     explained: float  # share of the variance of the command's changes
+    phase: float = 0.0  # of its samples against those of the log, s, where their rhythms differ
+
+    def acted(self, at: Array, interval: float) -> Index:
+        """Which sample of the log shows the command that acts at each time, in samples of the log."""
+        if self.sample_time % interval <= HELD:
+            return np.asarray(at.astype(int))
+        behind = (at * interval - self.phase) % self.sample_time
+        return np.maximum(np.ceil(at - behind / interval - HELD), 0).astype(int)
 
 
 class _Fit(NamedTuple):
@@ -73,6 +86,11 @@ def recover_pi(
     found, later = answers
     if found is None or (later is not None and 1.0 - later.explained < LESS * (1.0 - found.explained)):
         found = later
+    is_unseen = sample_time is None and every <= interval and (found is None or 1.0 - found.explained > EXACT**2)
+    for rhythm in FAST if is_unseen else (every,):
+        if rhythm % interval > HELD:
+            phased = _between(command, temperature, T_set, good, interval, rhythm)
+            found = max([*filter(None, [found]), *phased], key=lambda one: one.explained, default=None)
     if found is None:
         return "too little of the log shows the controller at work: the command is saturated or hardly moves"
     if found.explained < LEAST_EXPLAINED:
@@ -113,6 +131,40 @@ def _slower(command: Array, error: Array, changes: Index, interval: float, every
 
     fit = _best_pi(command, error, rows)
     return fit and fit.pi(every)
+
+
+def _between(
+    command: Array, temperature: Array, T_set: Array, good: Mask, interval: float, every: float
+) -> list[RecoveredPI]:
+    """From a log of another rhythm than the controller's, for each phase that agrees with when the command changes.
+
+    The temperature runs straight from sample to sample of the log, and the command is seen in the next one.
+    """
+    changes = np.flatnonzero(np.abs(np.diff(command)) > HELD) + 1
+    phases = []
+    for phase in np.arange(0.0, every, _PHASE * interval):
+        at = np.arange(phase, (command.size - 2) * interval, every) / interval
+        seen = np.ceil(at - HELD).astype(int)
+        phases.append((float(np.isin(changes, seen).mean()), at, seen))
+    most = max(agrees for agrees, _, _ in phases)
+    found = []
+    for agrees, at, seen in phases:
+        if agrees < most - _AGREES:
+            continue
+        before = np.floor(at + HELD).astype(int)
+        error = np.interp(at, np.arange(command.size), temperature) - T_set[before]
+        usable = good[before] & good[before + 1]
+        total = np.concatenate([[0.0], np.cumsum(every * np.where(usable, error, 0.0))])
+        last = np.append(np.diff(seen) > 0, False)  # of the controller's samples before one of the log
+
+        def rows(lag: int, usable: Mask = usable, total: Array = total, last: Mask = last) -> _Rows:
+            whole = _moving_sum(usable, lag + 1) == lag + 1
+            first = np.flatnonzero(whole & last[: whole.size] & last[lag:])
+            return first, first + lag, total[first + lag + 1] - total[first + 1]
+
+        if fit := _best_pi(command[seen], error, rows):
+            found.append(fit.pi(every)._replace(phase=float(at[0] * interval)))
+    return found
 
 
 def _faster(
@@ -212,18 +264,19 @@ class FittedPlant(NamedTuple):
 
 def fit_plant(
     command: Array, temperature: Array, good: Mask, interval: float, backlash: float, stroke_time: float,
-    is_held: bool, sign: float,
+    pi: RecoveredPI,
 ) -> FittedPlant | None:  # fmt: skip
-    """Fit the plant between command and temperature; None if no plant with gains of the ``sign`` explains the log.
+    """Fit the plant between command and temperature; None if no plant that the PI can control explains the log.
 
-    command, temperature: (n,), without NaN: fraction of stroke, °C.  good: (n,), samples that may be used.  is_held:
-    whether the command is held between samples of the log; else it runs straight.  sign: -1 where a higher opening
-    lowers the temperature, else 1.
+    command, temperature: (n,), without NaN: fraction of stroke, °C.  good: (n,), samples that may be used.  pi: of the
+    log; its rhythm says when the commands acted, its sign whether a higher opening lowers the temperature.
     """
     per_sample = math.ceil(interval / STEP)
     step = interval / per_sample
     at = np.arange((command.size - 1) * per_sample + 1) / per_sample
-    fine = command[at.astype(int)] if is_held else np.interp(at, np.arange(command.size), command)
+    is_held = pi.sample_time >= interval
+    fine = command[pi.acted(at, interval)] if is_held else np.interp(at, np.arange(command.size), command)
+    sign = -1.0 if pi.kp > 0.0 else 1.0
     opening = openings(motor_positions(fine, step, stroke_time)[:-1], backlash)
     seen = opening[::per_sample][good]
     rows = _Changes(temperature, good, interval)

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+import fastcoil as fc
+from fastcoil.measured.fitted_plant import recover_pi
 from fastcoil.measured.identify import arrivals, is_provoked, late, share_to_and_fro
 
 INTERVAL = 10.0
@@ -91,3 +93,16 @@ def test_a_temperature_that_moves_slowly_tells_no_shift():
     command = 0.5 + 0.02 * (T - 14) + 0.0005 * np.cumsum(T - 14)
     noises = [np.random.default_rng(seed).normal(0, 3e-6, 2160) for seed in range(8)]
     assert not any(late(command + noise, np.roll(T, 1), GOOD) for noise in noises)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("sample_time", [5.0, 7.0, 12.0, 15.0, 20.0, 45.0])
+def test_gains_of_a_loop_that_hunts_are_found_whatever_the_rhythm_of_its_controller(sample_time):
+    """A swing of four minutes, a sample every 10 s: the controller may read a temperature between two of them."""
+    loop = fc.Loop.preset("lbnl").assign(backlash=0.09, noise_std=0.01, kp=0.03, ti=15.0, sample_time=sample_time)
+    day = fc.paper_day(hours=3, seed=2)
+    ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10)
+    command, T = (ds[name].values.astype(float) for name in ("command", "T_measured"))
+    found = recover_pi(command, T, day.series["T_set"][0, ::10], 10.0, np.ones(T.size, bool), None)
+    assert found.sample_time == sample_time
+    assert (found.kp, found.ti) == pytest.approx((0.03, 15.0), rel=0.05)

@@ -9,6 +9,8 @@ from helpers.shared_data import measured
 
 import fastcoil as fc
 from fastcoil.cli.main import main
+from fastcoil.measured import cause
+from fastcoil.measured.fitted_loop import Outcome
 from fastcoil.study.file.tables import parse_toml
 
 BACKLASH = 0.08
@@ -80,12 +82,15 @@ def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
     assert found.backlash == pytest.approx(0.06, abs=0.01)
 
 
-def test_a_prediction_that_contradicts_the_cause_is_withheld():
-    """Without the gap this loop is calm, but what is left of its swing in the disturbances of the log goes on."""
+def test_a_prediction_that_contradicts_the_cause_is_withheld(monkeypatch):
+    """Without the gap the loop is calm, but what is left of its swing in the disturbances of the log goes on."""
+    hunting = Outcome(0.5, 0.4, 300.0, 50.0, 500.0, hunts=True)
+    monkeypatch.setattr(cause, "what_if", lambda *_, **__: hunting)
     found = fc.diagnose(loop_log(kp=0.03, ti=15.0), stroke_time=90.0)
     assert found.cause == "backlash"
     assert "disturbances of the log hide" in str(found.predictions.doubt.sel(case="no_gap").values)
     assert np.isnan(found.predictions.hunts.sel(case="no_gap"))
+    assert found.predictions.hunts.sel(case="half_gap") == 1.0
 
 
 def test_without_a_set_point_the_backlash_is_found_and_what_is_missing_is_said(log):
