@@ -68,14 +68,8 @@ def parameter(
         If the default is no finite number within the bounds, or a text is none.
     """
     lower, upper = _bound("lower", lower, -math.inf), _bound("upper", upper, math.inf)
-    if math.isinf(lower) and math.isinf(upper):
-        within = ""
-    elif math.isinf(upper):
-        within = f" of at least {lower:g}"
-    else:
-        within = f" of at most {upper:g}" if math.isinf(lower) else f" from {lower:g} to {upper:g}"
-    number = number_of("default", default, f"give a number{within}", least=lower, most=min(upper, sys.float_info.max))
-    declared = OwnParameter(number)
+    cure = f"give a number ({Parameter('', '', unit, None, text, lower, upper).bounds})"
+    declared = OwnParameter(number_of("default", default, cure, least=lower, most=min(upper, sys.float_info.max)))
     declared.unit, declared.text = text_of("unit", unit), text_of("text", text)
     declared.lower, declared.upper = lower, upper
     return declared
@@ -104,8 +98,18 @@ def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Paramet
     """
     own, problems = {}, []
     for name, default in fields.items():
-        if name in PARAMETERS:
-            problems += _unreadable(rule, PARAMETERS[name], default)
+        of_loop = PARAMETERS.get(name)
+        if of_loop and (of_loop.group in (*_TRUTH, *ESTIMATOR_GROUPS) or of_loop.is_word or name == "estimate_ratio"):
+            problems.append(
+                f"{rule} reads {name}, which a rule must not know: leave it out, or call its own parameter otherwise"
+            )
+        elif of_loop and default is not None:
+            problems.append(
+                f"{rule}: {name} = {shown(default)}: {name} is a parameter of the loop, which has its value; write "
+                f"{name}: float"
+            )
+        elif of_loop:
+            continue
         elif default is None:
             problems.append(
                 f"{rule}: {name} is no parameter of the loop{nearest(name, PARAMETERS)}: give it a default to make it "
@@ -122,20 +126,6 @@ def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Paramet
     if problems:
         raise InputError(problems)
     return own
-
-
-def _unreadable(rule: str, of_loop: Parameter, default: object) -> list[str]:
-    name = of_loop.name
-    if of_loop.group in _TRUTH or name == "estimate_ratio":
-        return [f"{rule} reads {name}, which is the plant itself: a rule must not know it, leave it out"]
-    if of_loop.group in ESTIMATOR_GROUPS or of_loop.is_word:
-        return [
-            f"{rule} reads {name}, which is not for rules: leave it out, or give a parameter of your own a new name"
-        ]
-    if default is not None:
-        return [f"{rule}: {name} = {shown(default)}: {name} is a parameter of the loop, which has its value; write "
-                f"{name}: float"]  # fmt: skip
-    return []
 
 
 KINDS = ("estimator", "law")
@@ -166,14 +156,12 @@ class Rule:
         name = getattr(function, "__name__", "")
         if not inspect.isfunction(function) or not name.isidentifier():
             raise InputError(WrongType(f"@fc.{kind}(…) stands before {shown(function)}: put it before a function"))
-        problems = [f"{name}: {word} is taken, call the function something else" for word in [name] if is_word(name)]
-        if inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function):
-            problems.append(f"{name}: a rule cannot wait, write def without async")
+        if is_word(name):
+            raise InputError(f"{name} is taken, call the function something else")
         takes = list(inspect.signature(function).parameters.values())
-        if len(takes) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in takes):
-            problems.append(f"{name}: it must take three things, def {name}(now, p, memory)")
-        if problems:
-            raise InputError(problems)
+        waits = inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function)
+        if waits or len(takes) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in takes):
+            raise InputError(f"{name}: write it as def {name}(now, p, memory)")
         defaults = Parameters._field_defaults
         own = own_parameters(name, {n: defaults.get(n) for n in Parameters._fields})
         made = cls(kind, name, own, tuple(n for n in Parameters._fields if n not in own), "")
@@ -356,21 +344,14 @@ def is_word(name: str) -> bool:
 def _field_problems(what: str, given: Any) -> list[str]:
     """What is wrong with the class of parameters or memory."""
     is_class: bool = isinstance(given, type)
-    if not is_class or not hasattr(given, "_field_defaults"):
-        return [WrongType(f"{what} is {shown(given)}: give a class made with typing.NamedTuple")]
-    if not given._fields:
-        return [f"{what} has no fields: give it one, such as {_EXAMPLES[what]}"]
+    if not is_class or not getattr(given, "_fields", ()) or not hasattr(given, "_field_defaults"):
+        return [WrongType(f"{what} is {shown(given)}: give a class made with typing.NamedTuple that has fields")]
     hints = getattr(given, "__annotations__", {})
     # with annotations from the future they are texts
     wrong = [n for n in given._fields if getattr(hints.get(n, float), "__forward_arg__", "float") != "float"]
     wrong += [n for n in given._fields if isinstance(hints.get(n), type) and hints[n] is not float]
-    odd = [n for n, v in given._field_defaults.items() if not is_number(v) or not isinstance(v, (int, float))]
-    return [
-        f"{n} of {what} is no float: a rule works with numbers, write {n}: float" for n in dict.fromkeys(wrong + odd)
-    ]
-
-
-_EXAMPLES = {"Parameters": "sample_time: float", "Memory": "last: float = 0.0"}
+    wrong += [n for n, v in given._field_defaults.items() if not is_number(v) or not isinstance(v, (int, float))]
+    return [f"{n} of {what} is no float: a rule works with numbers, write {n}: float" for n in dict.fromkeys(wrong)]
 
 
 RuleHashes = Mapping[str, Mapping[str, str]]
@@ -396,12 +377,12 @@ def refuse_other_code(now: RuleHashes, before: RuleHashes) -> None:
     InputError
         With a sentence for each.
     """
-    both = [name for name in now if name in before]
-    differ = [n for n in both if any(before[n].get(version, sha256) != sha256 for version, sha256 in now[n].items())]
-    if differ:
-        raise InputError([
-            f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as a "
-            "variable of the environment, a file or another module, and it changed: restore it, or choose another "
-            "folder with -o"
-            for name in differ
-        ])  # fmt: skip
+    problems = [
+        f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as a "
+        "variable of the environment, a file or another module, and it changed: restore it, or choose another folder "
+        "with -o"
+        for name, hashes in now.items()
+        if any(before.get(name, {}).get(version, sha256) != sha256 for version, sha256 in hashes.items())
+    ]
+    if problems:
+        raise InputError(problems)

@@ -28,6 +28,10 @@ _LEAST, _MOST = -(2**63), 2**64 - 1
 """Whole numbers of the machine."""
 _LONGEST_TABLE = 256
 """Numbers of a tuple: to compile 1000 takes a minute."""
+ALLOWED = (
+    "a rule works with numbers, if, loops, math, scalar numpy functions, functions of its own and tuples of up to "
+    f"{_LONGEST_TABLE} numbers, whose index it limits with min and max"
+)
 
 
 class UserFunction:
@@ -61,56 +65,29 @@ class UserFunction:
         try:
             self.function.compile(arguments)
         except Exception as error:  # most are of one class, but not all
-            raise InputError(self._sentence(error, (now, parameters))) from None
+            raise self._refused(f"does not compile{_place_and_reason(error)}") from None
         compiled = self.function.overloads[arguments]
-        returned = compiled.signature.return_type
-        found: Any = returned if isinstance(returned, types.BaseTuple) else None
-        of = self._memory.__name__
-        if found is None or len(found) != 2 or not _is_number(found[0]):
-            raise InputError(
-                f"{self._name} returns {_in_words(returned)}: return a number and {of}(…), with a comma between"
-            )
-        if found[1] != arguments[2]:
-            raise InputError(
-                f"{self._name} returns {_in_words(found[1])} as its memory: return {of}(…), a number for each field"
-            )
+        returned: Any = compiled.signature.return_type
+        is_pair = isinstance(returned, types.BaseTuple) and len(returned) == 2
+        if not is_pair or not _is_number(returned[0]) or returned[1] != arguments[2]:
+            memory = self._memory.__name__
+            raise InputError(f"{self._name}: return a number and {memory}(…) with a number for each field")
         self._check_machine_code(compiled)
 
     def _check_machine_code(self, compiled: Any) -> None:
         name = re.escape(compiled.fndesc.mangled_name)
         body = re.search(rf'define [^\n]*@"?{name}"?\(.*?\n}}', compiled.library.get_llvm_str(), re.DOTALL)
         assert body is not None
-        if "NRT_" in body[0]:
-            raise InputError(
-                f"{self._name} makes an array, a list or a text in every call: use numbers, and fields of its memory"
-            )
-        if "random_state" in body[0]:
-            raise InputError(f"{self._name} draws random numbers: nobody could repeat its results, leave them out")
         codes = re.findall(r"ret i32 (\S+)", body[0])
-        if not codes:
-            raise InputError(f"{self._name} never returns: let its loop end, or leave out what no number stands for")
-        if any(code != "0" for code in codes):
-            index = f"; limit an index in whole numbers, as in {self._table}" if self._table else ""
-            raise InputError(
-                f"{self._name} may raise an error or print: return a number instead, such as now.estimate{index}"
-            )
+        if "NRT_" in body[0]:
+            raise self._refused("makes an array, a list or a text")
+        if "random_state" in body[0]:
+            raise self._refused("draws random numbers")
+        if not codes or any(code != "0" for code in codes):
+            raise self._refused("may raise an error, print or never return")
 
-    def _sentence(self, error: Exception, classes: tuple[Any, ...]) -> str:
-        """The useful line of the compiler's message."""
-        text = str(error)
-        lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(_HEADING)]
-        line = re.findall(r'[("]([^"\n(]+?)"?,? (?:line |\()(\d+)[):]', text)
-        where = f", line {line[-1][1]} of {Path(line[-1][0]).name}" if line else ""
-        unknown = re.search(r"Unknown attribute '(\w+)' of type (\w+)\(", text)
-        cls = next((c for c in (*classes, self._memory) if unknown and c.__name__ == unknown[2]), None)
-        if unknown and cls is not None:
-            cure = f"make a new {cls.__name__}(…)" if unknown[1] == "_replace" else f"it has {', '.join(cls._fields)}"
-            return f"{self._name} reads {unknown[1]} of a {cls.__name__}{where}: {cure}"
-        call = re.search(r">>> (.*)", text)
-        why = lines[0] if lines else type(error).__name__
-        if call and why.startswith("No implementation"):
-            why = f"there is no compiled form of {call[1]}"
-        return f"{self._name} does not compile{where}: {why}"
+    def _refused(self, why: str) -> InputError:
+        return InputError(f"{self._name} {why}: {ALLOWED}")
 
     def _ready(self, function: Any) -> Any:
         """The function with its helpers compiled, too, and with nothing else of its module."""
@@ -118,45 +95,34 @@ class UserFunction:
         self._note(*_words(code))
         given = function.__defaults__ or ()
         named = code.co_varnames[code.co_argcount - len(given) : code.co_argcount]
-        defaults = {**dict(zip(named, given, strict=True)), **(function.__kwdefaults__ or {})}
-        for place, default in defaults.items():
-            self._note(place)
+        for place, default in {**dict(zip(named, given, strict=True)), **(function.__kwdefaults__ or {})}.items():
             self._value(place, default)
-        if any(isinstance(constant, bytes) for constant in _constants(code)):
-            raise InputError(f"{self._name} uses bytes: use numbers, and a tuple of numbers for a table")
+        if any(isinstance(constant, bytes) for constant in _constants(code)):  # nobody looks at their indices
+            raise self._refused("uses bytes")
         scope = {"__name__": __name__, "__builtins__": __builtins__}
         for name in sorted(_names(code) & function.__globals__.keys()):
-            self._note(name)
             scope[name] = self._value(name, function.__globals__[name])
         cells = []
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
-            self._note(name)
             try:
                 content = cell.cell_contents
             except ValueError:
-                raise InputError(f"{self._name} uses {name}, which has no value yet: give it one before") from None
+                raise self._refused(f"uses {name}, which has no value yet") from None
             cells.append(CellType(self._value(name, content)))
         ready = FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
         ready.__kwdefaults__ = function.__kwdefaults__
         return ready
 
-    def _value(self, name: str, given: object) -> Any:
+    def _value(self, name: str, value: Any) -> Any:
         """What a name of the user's module stands for, as the compiler takes it."""
-        value: Any = given
-        if _is_constant(value):
+        self._note(name)
+        if _is_constant(value) and _size(value) <= _LONGEST_TABLE:
             self._note(_exactly(value))
-            if _size(value) > _LONGEST_TABLE:
-                raise InputError(
-                    f"{self._name} uses {name}, a tuple of {_size(value):,} numbers, which takes minutes to compile: "
-                    f"give it at most {_LONGEST_TABLE}"
-                )
-            if type(value) is tuple and value and not self._table:
-                self._table = f"{name}[min(max(k, 0), {len(value) - 1})]"
             return value
         if id(value) in self._found:
             self._note(f"known {list(self._found).index(id(value))}")
             if self._found[id(value)] is None:
-                raise InputError(f"{self._name} uses {name}, which calls itself: use a loop")
+                raise self._refused(f"uses {name}, which calls itself")
             return self._found[id(value)]
         python = _python_of(value)
         if python is not None:
@@ -171,17 +137,10 @@ class UserFunction:
         elif any(value is module for module in _MODULES):
             self._note(value.__name__)
             made = value
-        elif isinstance(value, (np.ndarray, list)):
-            raise InputError(
-                f"{self._name} uses {name}, {shown(value)}: write a table as a tuple of numbers, (0.1, 0.2, 0.4), and "
-                "limit its index, TABLE[min(max(k, 0), 2)]"
-            )
         elif any(value is builtin for builtin in _BUILTINS):
             made = value
         else:
-            raise InputError(
-                f"{self._name} uses {name}, {shown(value)}: use numbers, functions written in Python, math and numpy"
-            )
+            raise self._refused(f"uses {name}, {shown(value)}")
         self._found[id(value)] = made
         self._kept.append(value)
         return made
@@ -252,14 +211,13 @@ def _is_number(kind: Any) -> bool:
     return isinstance(kind, (types.Float, types.Integer, types.Boolean))
 
 
-def _in_words(kind: Any) -> str:
-    if isinstance(kind, types.NoneType):
-        return "nothing"
-    if isinstance(kind, (types.Float, types.Integer, types.Boolean)):
-        return "a number alone"
-    if isinstance(kind, types.BaseNamedTuple):
-        return f"a {kind.instance_class.__name__}"  # type: ignore[attr-defined]
-    return f"{len(kind)} values" if isinstance(kind, types.BaseTuple) else f"a {kind}"
+def _place_and_reason(error: Exception) -> str:
+    """The useful line of the compiler's message, and the line of the rule that it is about, if it says one."""
+    text = str(error)
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(_HEADING)]
+    place = re.findall(r'[("]([^"\n(]+?)"?,? (?:line |\()(\d+)[):]', text)
+    where = f", line {place[-1][1]} of {Path(place[-1][0]).name}" if place else ""
+    return f"{where}: {lines[0] if lines else type(error).__name__}"
 
 
 def _maker(memory: Any) -> Any:

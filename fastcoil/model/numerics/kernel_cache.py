@@ -80,11 +80,6 @@ class KernelCache(Cache):  # type: ignore[misc]
         except OSError as error:
             _warn(f"{self._folder} cannot be written ({error.strerror}): free some space, or {_ELSEWHERE}")
 
-    def flush(self) -> None:
-        """Remove the kernels of the function."""
-        for path in self._folder.glob(f"{self._stem}-*.nbc"):
-            path.unlink(missing_ok=True)
-
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         own = (self._identity, sig, codegen.magic_tuple()) if self._identity else self._index_key(sig, codegen)
         return (self._source, self._py_func.__code__.co_firstlineno, own)

@@ -1,16 +1,27 @@
 """The cache of compiled kernels: never stale, never damaged, never fatal, nobody else's."""
 
+import errno
 import os
+import random
 import shutil
+import stat
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 
 import fastcoil
+from fastcoil.model.engine.emulator import emulate
+from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics import kernel_cache
+from fastcoil.model.numerics.jit import FLAGS
+from fastcoil.model.numerics.kernel_cache import KernelCache, kernel_folder
+from fastcoil.model.numerics.noise import low_pass
 
 pytestmark = pytest.mark.kernel
 
@@ -23,13 +34,15 @@ positions = np.empty(3)
 motor_positions(np.array([0.0, 1.0]), 0.1, positions)
 print(float(positions[2]), sum(motor_positions.stats.cache_hits.values()))
 """
-# and one that takes a tenth of a second
-SMALL = """
+# and one that takes a tenth of a second, after a setting of Numba has changed
+CHANGED = """
+import os
 import numpy as np
 from fastcoil.model.numerics.noise import low_pass
+os.environ["NUMBA_OPT"] = "1"
 y = np.empty(2)
 low_pass(np.ones(2), 0.5, y)
-print(float(y[1]), sum(low_pass.stats.cache_hits.values()))
+print(y[1])
 """
 
 
@@ -41,82 +54,206 @@ def copied(tmp_path):
     return tmp_path, keep | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
 
 
-def run(env, code=RUN):
-    command = [sys.executable, "-c", code]
+def started(env, code=RUN):
     # not from here, where Python would find the package itself before the copy
-    return subprocess.run(command, env=env, cwd=env["PYTHONPATH"], capture_output=True, text=True, check=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", code], env=env, cwd=env["PYTHONPATH"], stdout=subprocess.PIPE, text=True
+    )
 
 
-def travel_and_hits(env):
-    travel, hits = run(env).stdout.split()
+def travel_and_hits(process):
+    travel, hits = process.communicate(timeout=120)[0].split()
     return float(travel), int(hits)
 
 
 def test_a_later_process_takes_the_kernel_that_two_compiled_at_once_until_a_formula_changes(copied):
     root, env = copied
-    words = [sys.executable, "-c", RUN]
-    both = [subprocess.Popen(words, env=env, cwd=env["PYTHONPATH"], stdout=subprocess.PIPE, text=True) for _ in "ab"]
-    said = {p.communicate(timeout=120)[0].split()[0] for p in both}
-    assert [p.returncode for p in both] == [0, 0]
-    travel, hits = travel_and_hits(env)
-    assert said == {str(travel)} == {"0.1"}
-    assert hits == 1
+    assert {travel_and_hits(process)[0] for process in [started(env), started(env)]} == {0.1}
+    assert travel_and_hits(started(env)) == (0.1, 1)
     # motor_positions lies in another file than the formula it calls
     actuator = root / "fastcoil" / "model" / "physics.py"
     text = actuator.read_text()
     assert text.count("position + max_travel\n") == 1
     actuator.write_text(text.replace("position + max_travel\n", "position + 2.0 * max_travel\n"))
-    assert travel_and_hits(env) == (0.2, 0)
+    assert travel_and_hits(started(env)) == (0.2, 0)
     actuator.write_text(text)
-    assert travel_and_hits(env) == (0.1, 1)
+    assert travel_and_hits(started(env)) == (0.1, 1)
     assert len(list((root / "cache" / "fastcoil" / "kernels").iterdir())) == 2
-
-
-def test_a_damaged_cache_is_compiled_again_and_the_users_own_numba_cache_keeps_its_place(copied):
-    root, env = copied
-    own = root / "own"
-    # a module that is loaded again reads the cache as a new process does, without its seconds of imports
-    code = (
-        SMALL
-        + """
-import importlib, os, sys
-from pathlib import Path
-import fastcoil.model.numerics.noise as module
-folder = Path(module.low_pass.stats.cache_path)
-for damage in (lambda b: b[:10], lambda b: b[:-1], lambda b: bytes(len(b))):
-    (path,) = folder.glob("*.low_pass-*.nbc")
-    path.write_bytes(damage(path.read_bytes()))
-    for _ in range(2):
-        module = importlib.reload(module)
-        module.low_pass(np.ones(2), 0.5, y)
-        print(float(y[1]), sum(module.low_pass.stats.cache_hits.values()))
-from numba.core import config
-print(config.CACHE_DIR)
-"""
-    )
-    first, *others, place = run(env | {"NUMBA_CACHE_DIR": str(own)}, code).stdout.splitlines()
-    assert first == "0.75 0"
-    assert others == ["0.75 0", "0.75 1"] * 3
-    assert place == str(own)
-    assert not own.exists()
-    assert list((root / "cache" / "fastcoil" / "kernels").rglob("*.nbc"))
-
-
-def test_a_cache_that_cannot_be_written_is_a_warning_and_no_more(copied):
-    root, env = copied
-    (root / "file").touch()
-    found = run(env | {"XDG_CACHE_HOME": str(root / "file")}, SMALL)
-    assert found.stdout == "0.75 0\n"
-    assert "cannot be made (File exists): set XDG_CACHE_HOME to a folder of your own" in found.stderr
-    assert found.stderr.count("Warning") == 1
 
 
 def test_a_kernel_compiled_with_other_settings_than_its_folder_says_is_not_kept(copied):
     root, env = copied
-    changed = SMALL.replace("y = ", "import os\nos.environ['NUMBA_OPT'] = '1'\ny = ")
-    assert changed != SMALL
-    assert run(env, changed).stdout.endswith(" 0\n")
+    assert started(env, CHANGED).communicate(timeout=120)[0] == "0.75\n"
     assert not list((root / "cache").rglob("*.nbc"))
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    """Compiled kernels that are in the cache, a large one and a small one."""
+    compile_kernel()
+    low_pass(np.ones(3), 0.5, np.empty(3))
+    return [emulate, low_pass]
+
+
+@pytest.fixture
+def folder(compiled, tmp_path):
+    """A copy of the folder of these kernels, and of no others."""
+    source = Path(low_pass.stats.cache_path)
+    copy = tmp_path / "fastcoil" / "kernels" / source.name
+    copy.mkdir(mode=0o700, parents=True)
+    for kernel in compiled:
+        (path,) = source.glob(f"*.{kernel.py_func.__name__}-*.nbc")
+        shutil.copy(path, copy)
+    return copy
+
+
+def loads(kernel, folder):
+    """Whether the kernel is found in a folder."""
+    (signature,) = kernel.signatures
+    return KernelCache(kernel.py_func, folder).load_overload(signature, kernel.targetctx) is not None
+
+
+def stored(kernel, folder):
+    """The file of a kernel."""
+    (path,) = folder.glob(f"*.{kernel.py_func.__name__}-*.nbc")
+    return path
+
+
+def filter_from(folder):
+    """Compile a small kernel, or load it from a folder, and keep it there.  Returns one number of it."""
+    function = numba.njit(**FLAGS)(low_pass.py_func)
+    function._cache = KernelCache(low_pass.py_func, folder)
+    filtered = np.empty(3)
+    function(np.ones(3), 0.5, filtered)
+    return filtered[2]
+
+
+@pytest.mark.parametrize("n", [30, pytest.param(2000, marks=pytest.mark.full)])
+def test_no_damaged_kernel_is_loaded(compiled, folder, n):
+    dice = random.Random(n)
+    for k in range(n):
+        kernel = dice.choice(compiled)
+        path = stored(kernel, folder)
+        sound = path.read_bytes()
+        # headers and pickled names are short, and the machine code long
+        position = dice.choice([dice.randrange(300), dice.randrange(len(sound))])
+        damaged = bytearray(sound)
+        damaged[position] ^= 1 << dice.randrange(8)
+        path.write_bytes(damaged if k % 3 else sound[:position])
+        assert not loads(kernel, folder), (kernel, position)
+        path.write_bytes(sound)
+    assert all(loads(kernel, folder) for kernel in compiled)
+
+
+def test_a_damaged_kernel_is_compiled_again(folder):
+    stored(low_pass, folder).write_bytes(b"damaged")
+    assert filter_from(folder) == 0.875
+    assert loads(low_pass, folder)
+
+
+def test_a_kernel_under_the_name_of_another_or_from_another_folder_is_not_loaded(folder):
+    shutil.copy(stored(emulate, folder), stored(low_pass, folder))
+    assert not loads(low_pass, folder)
+    other = folder.with_name("0" * 16)
+    shutil.copytree(folder, other)
+    assert loads(emulate, folder)
+    assert not loads(emulate, other)
+
+
+def given_away(path):
+    if os.geteuid() != 0:
+        pytest.skip("only root can give files away")
+    os.chown(path, 12345, -1)
+
+
+def moved_behind_a_link(path):
+    elsewhere = path.parents[2] / "elsewhere"
+    path.rename(elsewhere)
+    path.symlink_to(elsewhere)
+
+
+STRANGE = {
+    "of another user": given_away,
+    "in a folder of another user": lambda path: given_away(path.parent),
+    "two levels below a folder of another user": lambda path: given_away(path.parents[1]),
+    "writable for the group": lambda path: path.chmod(0o770),
+    "writable for all": lambda path: path.chmod(0o707),
+    "a link": moved_behind_a_link,
+}
+
+
+@pytest.fixture
+def warned():
+    """Return a function that runs another and gives its result and its warnings, as in a new process."""
+
+    def call(function, *words):
+        kernel_cache._warn.cache_clear()
+        kernel_folder.cache_clear()
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            return function(*words), [str(w.message) for w in found]
+
+    yield call
+    kernel_cache._warn.cache_clear()
+    kernel_folder.cache_clear()
+
+
+@pytest.mark.parametrize("how", STRANGE)
+def test_a_folder_that_another_may_write_to_is_not_used(folder, tmp_path, monkeypatch, warned, how):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert warned(kernel_folder, folder.name) == (folder, [])
+    STRANGE[how](folder)
+    found, (warning,) = warned(kernel_folder, folder.name)
+    assert found is None
+    assert warning.startswith(f"every process compiles the kernels again: {folder} ")
+    assert warning.endswith(": remove it, or set XDG_CACHE_HOME to a folder of your own")
+    assert len(list(folder.iterdir())) == 2
+
+
+def test_a_folder_that_cannot_be_made_is_a_warning_and_no_more(tmp_path, monkeypatch, warned):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    found, (warning,) = warned(kernel_folder, "0" * 16)
+    assert found is None
+    assert "cannot be made (File exists): set XDG_CACHE_HOME to a folder of your own" in warning
+
+
+def test_what_is_made_is_private_whatever_the_umask(folder, tmp_path, monkeypatch, warned):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "new"))
+    before = os.umask(0)
+    try:
+        made, warnings_ = warned(kernel_folder, "0" * 16)
+        filter_from(made)
+    finally:
+        os.umask(before)
+    assert not warnings_
+    assert loads(low_pass, made)
+    assert {stat.S_IMODE(p.stat().st_mode) for p in (tmp_path / "new", *made.parents[:2], made)} == {0o700}
+    assert [stat.S_IMODE(p.stat().st_mode) for p in made.iterdir()] == [0o600]
+
+
+def test_a_relative_folder_is_no_place_for_a_cache(tmp_path, monkeypatch, warned):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    assert warned(kernel_folder, "0" * 16)[0] == tmp_path / "home" / ".cache" / "fastcoil" / "kernels" / ("0" * 16)
+    monkeypatch.setenv("HOME", "home")
+    found, (warning,) = warned(kernel_folder, "0" * 16)
+    assert found is None
+    assert "not known" in warning
+    assert not (tmp_path / "cache").exists()
+
+
+def test_a_full_disk_is_a_warning_and_leaves_nothing_half_written(folder, monkeypatch, warned):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    stored(low_pass, folder).unlink()
+    monkeypatch.setattr(os, "replace", full)
+    filtered, (warning,) = warned(filter_from, folder)
+    assert filtered == 0.875
+    assert "cannot be written (No space left on device): free some space, or set XDG_CACHE_HOME" in warning
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_pruning_keeps_the_current_folder_and_the_latest_ones(tmp_path):

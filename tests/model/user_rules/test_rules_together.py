@@ -25,7 +25,7 @@ def test_functions_that_are_no_rules():
         with pytest.raises(fc.InputError, match=sentence) as refused:
             fc.Loop(**given)
         assert len(refused.value.problems) == 1
-    with pytest.raises(fc.InputError, match="it must take three things"):
+    with pytest.raises(fc.InputError, match="halved: write it as def halved"):
         fc.estimator(Parameters, Memory)(halved)
     with pytest.raises(fc.InputError, match="two rules are called by_error"):
         fc.Loop(estimator=[by_error, fc.estimator(Parameters, Memory)(by_error.parts[0].__class__(
