@@ -68,6 +68,24 @@ def air_side_each(S, entering):
 
 
 @section
+def begin(rows, common, entering, S, V):
+    """Set up the coils of a block, dry and at their initial temperature, under what enters each."""
+    derive(S, rows, common.n_volumes)
+    set_initial_state(S, True)
+    reset_sums(S, True)
+    fill_coil(S, V, common.n_volumes, 0.0)
+    air_side_each(S, entering)
+
+
+@section
+def open_to(S, leaks, openings):
+    """Open the valve of each lane, (LANES,)."""
+    for j in range(LANES):
+        S[R.opening + j] = openings[j]
+    deliver(S, leaks)
+
+
+@section
 def second_each(S, V, common, entering):
     """March the coil of each lane through a second, in the substeps of the block."""
     enter_each(V, common.n_volumes, entering)
@@ -158,9 +176,7 @@ def settle(S, V, n_volumes, leaks, entering, openings, rests):
 
     rests: (LANES,), coils that are left as they are.
     """
-    for j in range(LANES):
-        S[R.opening + j] = openings[j]
-    deliver(S, leaks)
+    open_to(S, leaks, openings)
     for j in range(LANES):
         C_flow = S[R.C_flow + j] if S[R.C_flow + j] > _LEAST_FLOW else _LEAST_FLOW
         S[R.dt_C_w + j] = 0.0 if rests[j] else 1.0 / C_flow
@@ -186,11 +202,7 @@ def find_rest(rows, common, entering, T_set, S, V, found):
     the coils at rest afterwards.  found: out, (6, LANES), see STEADY; gain in K per unit opening.
     """
     n_volumes = common.n_volumes
-    derive(S, rows, n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    fill_coil(S, V, n_volumes, 0.0)
-    air_side_each(S, entering)
+    begin(rows, common, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
 
     low, high, openings = np.zeros(LANES), np.ones(LANES), np.zeros(LANES)
@@ -255,11 +267,7 @@ def find_rest(rows, common, entering, T_set, S, V, found):
 def rest_curve(rows, common, entering, openings, S, V, T_sup):
     """T_sup at rest at each of some openings, (n,): out, (n, LANES), °C."""
     n_volumes = common.n_volumes
-    derive(S, rows, n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    fill_coil(S, V, n_volumes, 0.0)
-    air_side_each(S, entering)
+    begin(rows, common, entering, S, V)
     everywhere, nowhere = np.empty(LANES), np.zeros(LANES, np.bool_)
     for k in range(openings.size):
         everywhere[:] = openings[k]
@@ -299,10 +307,7 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
     A: out, (4 N, 4 N, LANES); B: out, (4 N, LANES), per unit opening.  States as in STATES, in K and kg/kg.
     """
     n_volumes = common.n_volumes
-    derive(S, rows, n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    air_side_each(S, entering)
+    begin(rows, common, entering, S, V)
     A[:] = 0.0
     B[:] = 0.0
     factors, first, second = np.empty(LANES), np.empty(LANES), np.empty(LANES)
@@ -312,15 +317,12 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
     for side in (1.0, -1.0):
         V[:] = at_rest
         for j in range(LANES):
-            S[R.opening + j] = first[j] if side > 0.0 else second[j]
             factors[j] = side / (first[j] - second[j])
-        deliver(S, common.leaks)
+        open_to(S, common.leaks, first if side > 0.0 else second)
         second_each(S, V, common, entering)
         add_states(V, n_volumes, factors, B)
 
-    for j in range(LANES):
-        S[R.opening + j] = found[F.opening, j]
-    deliver(S, common.leaks)
+    open_to(S, common.leaks, found[F.opening])
     for k in range(4 * n_volumes):
         change, row = _CHANGES[k // n_volumes], state_row(k, n_volumes)
         for side in (1.0, -1.0):
@@ -349,19 +351,14 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
     ends.  From there on its changes are a geometric series.  n_steps, if fewer than FEW + 1 seconds are left for that.
     """
     n_steps = response.shape[0]
-    derive(S, rows, common.n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    air_side_each(S, entering)
+    begin(rows, common, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
     first, second = np.empty(LANES), np.empty(LANES)
     for j in range(LANES):
         first[j], second[j] = small_steps(found[F.opening, j])
 
     V[:] = at_rest
-    for j in range(LANES):
-        S[R.opening + j] = first[j]
-    deliver(S, common.leaks)
+    open_to(S, common.leaks, first)
     ends[:] = 2
     for t in range(n_steps):
         second_each(S, V, common, entering)
@@ -372,9 +369,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
             ends[j] = t + 2 if left > tolerance * abs(change) + _AT_REST else ends[j]
 
     V[:] = at_rest
-    for j in range(LANES):
-        S[R.opening + j] = second[j]
-    deliver(S, common.leaks)
+    open_to(S, common.leaks, second)
     for t in range(n_steps):
         second_each(S, V, common, entering)
         for j in range(LANES):
