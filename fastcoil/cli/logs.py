@@ -118,6 +118,8 @@ def _survey(
     ds = survey(logs, out, n_jobs=jobs, **options)
     rows = cells(ds)[:_MOST_SHOWN]
     say(headline(ds), *(aligned([HEAD, *rows], right=(1, 2)) if rows else ()))
+    warned = zip(ds["valve"].values, ds["warnings"].values[: len(rows)], strict=False)
+    say(*(f"{valve}: {warning}" for valve, warning in warned if warning))
     failed = [f"Not read: {v}: {p}" for v, p in zip(ds["valve"].values, ds["problem"].values, strict=True) if p]
     say(*failed[:_MOST_SHOWN], *[f"… and {len(failed) - _MOST_SHOWN:,} more"] * (len(failed) > _MOST_SHOWN))
     if out is not None:

@@ -25,17 +25,17 @@ from fastcoil.measured.diagnose import diagnose
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.identify import GOOD
 
-CLOSED = 0.005  # of the stroke: up to this command a valve counts as shut, and its loop asks for nothing
+CLOSED = 0.005  # of the stroke: up to this command a valve counts as shut
 _FEWEST = 4  # logs for each process: fewer do not pay for its start
 _NUMBERS = {
-    "degree_hours": ("K h d-1", "control error while the valve is open, integrated over a day of operation"),
+    "degree_hours": ("K h d-1", "control error that the valve could act on, integrated over a day of operation"),
     "motor_travel": INDICES["motor_travel"],
     "backlash": ("1", "most probable backlash, fraction of stroke; valid only if identified"),
     "low": ("1", "lower end of its 95 % interval"),
     "high": ("1", "upper end of its 95 % interval"),
     "hours": ("h", "hours of operation in the log"),
 } | INDICES
-_TEXTS = ("cause", "because", "advice", "reason", "notes", "problem", "log")
+_TEXTS = ("cause", "because", "warnings", "advice", "reason", "notes", "problem", "log")
 _MISSING: dict[str, Any] = {**dict.fromkeys(_NUMBERS, np.nan), "identified": False, "hunts": False,
                             **dict.fromkeys(_TEXTS, "")}  # fmt: skip
 _CURE = "give CSV files, a folder of them, or a mapping of names to logs"
@@ -70,10 +70,11 @@ def survey(
     -------
     xarray.Dataset
         Along ``valve`` (name of the file, with its folder where several are alike), the costliest first.
-        ``degree_hours``: size of the control error while the valve is open, integrated over a day of operation,
-        K h d-1, NaN without a set-point; ``backlash``, ``low``, ``high`` (fractions of stroke), ``identified``,
-        ``hunts``, ``cause``, ``because``, ``advice``, ``reason``, ``notes`` and the indices of a `diagnose`; ``hours``
-        of operation; ``log``.  ``problem`` says why a log cannot be diagnosed; its numbers are NaN, and it is last.
+        ``degree_hours``: size of the control error, but where the valve is shut and rightly so, integrated over a day
+        of operation, K h d-1, NaN without a set-point; ``backlash``, ``low``, ``high`` (fractions of stroke),
+        ``identified``, ``hunts``, ``cause``, ``because``, ``warnings``, ``advice``, ``reason``, ``notes`` and the
+        indices of `diagnose`; ``hours`` of operation; ``log``.  ``problem`` says why a log cannot be diagnosed; its
+        numbers are NaN, and it is last.
 
     Raises
     ------
@@ -170,17 +171,21 @@ def row_of(valve: str, log: Any, options: Mapping[str, Any]) -> dict[str, Any]:
         "degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"],
         "backlash": d.backlash, "low": d.interval[0], "high": d.interval[1], "identified": d.identified,
         "hunts": d.hunts, "cause": d.cause, "because": d.because, "advice": str(d.advice), "reason": d.reason,
-        "notes": "; ".join(d.notes),
+        "warnings": "; ".join(d.warnings), "notes": "; ".join(d.notes),
     }  # fmt: skip
 
 
 def degree_hours(d: Diagnosis) -> float:
-    """Control error integrated over 24 h of operation, 0 while the valve is shut, K h/d; NaN without a set-point."""
+    """Control error integrated over 24 h of operation, K h/d; NaN without a set-point.
+
+    A valve that is shut while the air is colder than the set-point (of a heating coil: warmer) counts as no error.
+    """
     if "T_set" not in d.signals:
         return np.nan
     T, T_set, command = (d.signals[name].values for name in ("T_sup", "T_set", "command"))
     on = d.signals["enabled"].values > 0.0 if "enabled" in d.signals else True
-    error = np.where(command > CLOSED, np.abs(T - T_set), 0.0)[np.isfinite(T + T_set + command) & on]
+    counts = (command > CLOSED) | (d.triage.attrs["cools"] * (T - T_set) > 0.0)
+    error = np.where(counts, np.abs(T - T_set), 0.0)[np.isfinite(T + T_set + command) & on]
     return 24.0 * float(error.mean()) if error.size else np.nan
 
 
@@ -227,8 +232,10 @@ def cells(ds: xr.Dataset) -> list[list[str]]:
 def states(ds: xr.Dataset) -> dict[str, int]:
     """How many valves are in which state; each is in one."""
     failed, work = ds["problem"] != "", ds["hunts"] | (ds["identified"] & (ds["backlash"] > GOOD))
-    unclear = ~failed & ~work & (ds["cause"] == UNKNOWN)
-    found = {AT_FAULT: work, "without": ~(failed | work | unclear), "undecided": unclear, "not read": failed}
+    other = ~work & (ds["warnings"] != "")
+    unclear = ~(failed | work | other) & (ds["cause"] == UNKNOWN)
+    found = {AT_FAULT: work, "with another fault": other, "without": ~(failed | work | other | unclear),
+             "undecided": unclear, "not read": failed}  # fmt: skip
     return {words: int(state.sum()) for words, state in found.items()}
 
 
@@ -240,16 +247,17 @@ def headline(ds: xr.Dataset) -> str:
 def _page(ds: xr.Dataset) -> Page:
     """The survey as a page: every valve with what to do, and every log that could not be diagnosed."""
     is_read = ds["problem"].values == ""
-    texts = (ds[name].values[is_read] for name in ("advice", "reason"))
-    rows = [[*row, next(filter(None, text), NONE)] for row, *text in zip(cells(ds), *texts, strict=True)]
+    texts = (ds[name].values[is_read] for name in ("warnings", "advice", "reason"))
+    rows = [[*row, ". ".join(filter(None, text[:2])) or text[2] or NONE] for row, *text in
+            zip(cells(ds), *texts, strict=True)]  # fmt: skip
     problems = list(zip(*(ds[name].values[~is_read] for name in ("valve", "problem")), strict=True))
     note = (
         "K·h: size of the difference between supply temperature and set-point, integrated over 24 h of operation, 0 "
-        "while the valve is shut; 0.1 K all day is 2.4 K·h.  Strokes: of the motor.  Gap: share of the stroke, with "
-        "its 95 % interval.  Swing: of the supply temperature, with its period."
+        "while the valve is shut and rightly so; 0.1 K all day is 2.4 K·h.  Strokes: of the motor.  Gap: share of the "
+        "stroke, with its 95 % interval.  Swing: of the supply temperature, with its period."
     )
     sections = [
-        Section("Ranked by control error", [Table("", [*HEAD, "what to do"], rows, note)] if rows else []),
+        Section("Ranked by control error", [Table("", [*HEAD, "faults, and what to do"], rows, note)] if rows else []),
         Section("Logs that could not be read", [Table("", ["valve", "reason"], problems)] if problems else []),
     ]
     question = "Which valves cost most if they are left as they are, and what helps?"
