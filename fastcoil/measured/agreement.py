@@ -12,7 +12,7 @@ from fastcoil.measured.grid import all_good
 
 _FROM_SET_POINT, _OUTSIDE = 15.0, 10.0
 """K by which T_sup may typically lie off T_set with the valve in control, and outside of entering air and water."""
-_TOGETHER = 6.0  # K within which temperatures come that only a wrong unit held apart
+_TOGETHER = 10.0  # °F within which temperatures come that only a wrong unit held apart
 _OVER, _AFTER_SET_POINT = 120.0, 300.0  # s
 FARTHEST = 180.0  # s by which the clocks of two columns may differ
 _USUAL, _CLEARER = 0.9, 2.0
@@ -52,11 +52,7 @@ def require_agreement(log: Log) -> list[str]:
 
 def _is_of_unit(T: Array, T_set: Array) -> bool:
     """Whether a temperature and its set-point come together if one of them is in °F instead of °C, or the reverse."""
-    return any(
-        np.median(np.abs(as_read - other)) < _TOGETHER
-        for one, other in ((T, T_set), (T_set, T))
-        for as_read in ((one - 32.0) / 1.8, 1.8 * one + 32.0)
-    )
+    return any(np.median(np.abs(one - 32.0 - 1.8 * other)) < _TOGETHER for one, other in ((T, T_set), (T_set, T)))
 
 
 class Law(NamedTuple):

@@ -69,14 +69,10 @@ class Diagnosis(Result):
         where there is no model.
     signals
         Dataset over ``elapsed_time``: the log at equal intervals, as it was used.
-    triage
-        Dataset over ``hour``: the ``state`` of every hour in a word, shares of the hour (``enabled``, ``in_control``,
-        ``saturated``, ``not_responding``), ``error`` and ``swing`` (peak to peak, K), ``period`` (s), and in
-        ``log_limits`` what the log of that hour cannot show.
-    warnings
-        A sentence on each fault that lasts, the worst first.
-    headline
-        What matters most, and what to log again.
+    triage, warnings
+        Dataset over ``hour``: ``state`` in a word, shares of the hour (``enabled``, ``in_control``, ``saturated``,
+        ``not_responding``), ``error`` and ``swing`` (peak to peak, K), ``period`` (s), and in ``log_limits`` what the
+        log of that hour cannot show; and a sentence on each fault that lasts, the worst first.
     advice
         What to do, in a sentence, with kp and ti.
     notes
@@ -219,13 +215,8 @@ _SIZE = (7.5, 7.6)
 _ROOM = 160.0  # per cent of the longest bar, for the words behind it
 _MORE = 1.3  # a swing of some hours is that much larger than the mean of the log
 _LONG = 48  # hours from which the strip shows days
-_COLOURS = dict(
-    zip(
-        STATES,
-        (FAINT, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE),
-        strict=True,
-    )
-)
+_SHADES = (FAINT, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
+_COLOURS = dict(zip(STATES, _SHADES, strict=True))
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 

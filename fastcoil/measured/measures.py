@@ -209,21 +209,16 @@ def measures_of(grid: Grid, stroke_time: float) -> Measures:
 
 
 def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
-    if grid.interval > COARSE:
-        return f"a log with a sample every {grid.interval:.4g} s misses swings of minutes: log every 30 s or faster"
     watched, piece = float(calm.sum()) * grid.interval, longest_run(calm) * grid.interval
-    if watched < LEAST_WATCHED:
-        return (
-            f"the loop is settled and in control for {watched / 60:.0f} min only: log longer, with half an "
-            "hour between two changes of the set-point"
-        )
-    if piece < LEAST_PIECE:
-        return f"the log has no more than {piece / 60:.0f} min in one piece: log without gaps, or bridge them (max_gap)"
-    if "T_set" not in grid.values:
-        return "the log has no set-point (T_set), and its changes hide a swing: log it, too"
-    if swing.peak_to_peak > WIDE and swing.regularity > REGULAR:
-        return (
-            "the swing is not even enough to judge the whole log: log every 10 s, with half an hour between two "
-            "changes of the set-point"
-        )
-    return ""
+    reasons = {
+        f"a sample every {grid.interval:.4g} s misses swings of minutes: log every 30 s or faster":
+            grid.interval > COARSE,
+        f"the loop is settled and in control for {watched / 60:.0f} min only: log longer, with half an hour between "
+        "two changes of the set-point": watched < LEAST_WATCHED,
+        f"the log has no more than {piece / 60:.0f} min in one piece: log without gaps, or bridge them (max_gap)":
+            piece < LEAST_PIECE,
+        "the log has no set-point (T_set), and its changes hide a swing: log it, too": "T_set" not in grid.values,
+        "the swing is not even enough to judge the whole log: log every 10 s, with half an hour between two changes "
+        "of the set-point": swing.peak_to_peak > WIDE and swing.regularity > REGULAR,
+    }  # fmt: skip
+    return next((reason for reason, holds in reasons.items() if holds), "")

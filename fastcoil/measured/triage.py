@@ -53,21 +53,19 @@ VARIABLES: Mapping[str, tuple[str, str]] = {
 
 
 class _Seen(NamedTuple):
-    """The log, sample by sample, (n,); temperatures in K or degC, NaN where they are not logged."""
+    """The log, sample by sample, (n,); temperatures are NaN where they are not logged."""
 
-    on: Mask
     T: Array
     command: Array
     error: Array
-    mean_error: Array
     from_air: Array  # T_sup - T_a_in
     swing: Array  # the error, or else the temperature, about its level; NaN where unsettled
     good: Mask  # plant on, command and temperature known
     starting: Mask
     open: Mask  # for a while
     shut: Mask
+    silent: Mask  # open without an effect, or shut with one
     cools: float  # 1 of a cooling coil, -1 of a heating coil, 0 if the log does not show it
-    interval: float  # s
 
 
 def triage_of(grid: Grid) -> xr.Dataset:
@@ -77,21 +75,19 @@ def triage_of(grid: Grid) -> xr.Dataset:
     variables of ``VARIABLES``, shares from 0 to 1; ``state``, a word of ``STATES``; ``log_limits``, what the log of
     that hour cannot show, blank if nothing.
     """
-    seen, of_sample, base = _seen(grid), np.zeros(grid.on.size, dtype=np.int64), 0
+    of_sample, base = np.zeros(grid.on.size, dtype=np.int64), 0
     for first, end in zip(grid.starts, (*grid.starts[1:], grid.on.size), strict=True):
         of_sample[first:end] = base + ((grid.time[first:end] - grid.time[first] + 1e-6) // _HOUR)
         base = int(of_sample[end - 1]) + 1
     hours, firsts = np.unique(of_sample, return_index=True)
-    rows = [_hour(seen, slice(*pair)) for pair in zip(firsts, [*firsts[1:], of_sample.size], strict=True)]
+    seen = _seen(grid)
+    parts = [slice(*pair) for pair in zip(firsts, [*firsts[1:], of_sample.size], strict=True)]
+    numbers, states, limits = zip(*(_hour(seen, at, grid) for at in parts), strict=True)
     ds = xr.Dataset(coords={"hour": ("hour", hours, {"units": "h", "long_name": "hours since the first sample"})})
     for name, (unit, meaning) in VARIABLES.items():
-        ds[name] = (
-            "hour",
-            [numbers.get(name, np.nan) for numbers, _, _ in rows],
-            {"units": unit, "long_name": meaning},
-        )
-    ds["state"] = ("hour", [state for _, state, _ in rows], {"long_name": "what the hour was like"})
-    ds["log_limits"] = ("hour", [limit for _, _, limit in rows], {"long_name": "what the log of the hour cannot show"})
+        ds[name] = ("hour", [of.get(name, np.nan) for of in numbers], {"units": unit, "long_name": meaning})
+    ds["state"] = ("hour", list(states), {"long_name": "what the hour was like"})
+    ds["log_limits"] = ("hour", list(limits), {"long_name": "what the log of the hour cannot show"})
     return ds.assign_attrs(interval=grid.interval, cools=seen.cools)
 
 
@@ -100,97 +96,89 @@ def _seen(grid: Grid) -> _Seen:
     T, T_set, T_a = (grid.values.get(name, missing) for name in ("T_sup", "T_set", "T_a_in"))
     good = grid.on & np.isfinite(T) & np.isfinite(grid.values["command"])
     command, error = held(grid.values["command"]), np.where(good, T - T_set, np.nan)
-    known = np.isfinite(error)
-    is_open, is_shut = (_for_long(good & at, interval) for at in (command >= 1.0 - _AT_END, command <= _AT_END))
-    mean_error = running_mean(np.nan_to_num(error), known, max(1, round(_AVERAGE / interval)))
-    starting = np.zeros(good.size, dtype=bool)
+    starting, has_set = np.zeros(good.size, dtype=bool), bool(np.isfinite(error).any())
     for first, last in runs(good):
         before = np.flatnonzero(grid.on[:first])
         if grid.time[first] - grid.time[before[-1] if before.size else 0] >= _PAUSE:
             end = min(last, first + round(_START / interval))
             met = np.flatnonzero(np.abs(error[first:end]) <= MET)
             starting[first : first + int(met[0]) if met.size else end] = True
-    calm = good & ~starting & (settled(T_set, good, interval) if known.any() else True)
-    about = np.where(calm, error if known.any() else T, 0.0)
+    calm = good & ~starting & (settled(T_set, good, interval) | (not has_set))
+    about = np.where(calm, error if has_set else T, 0.0)
     width = max(round(_LEVEL / interval), _LEVEL_SAMPLES)
     level = running_mean(running_mean(about, calm, width), calm, width)  # twice: once lets swings of 40 min pass
-    both = known[1:] & known[:-1]
-    # an integral opens a cooling valve while the error is positive
-    moved = np.sum((np.diff(command) * (error[1:] + error[:-1]))[both])
-    evidence = (moved, np.sum(error[is_open & known]), -np.sum(error[is_shut & known]))
-    cools = next((float(np.sign(one)) for one in evidence if one != 0.0), 0.0)
-    return _Seen(grid.on, T, command, error, np.where(known, mean_error, np.nan), T - T_a,
-                 np.where(calm, about - level, np.nan), good, starting, is_open, is_shut, cools, interval)  # fmt: skip
+    at_end = [good & (command >= 1.0 - _AT_END), good & (command <= _AT_END)]
+    is_open, is_shut = (_for_long(at, interval, 0.0) for at in at_end)
+    long_open, long_shut = (_for_long(at, interval, _FULL_EFFECT) for at in at_end)
+    cools = _cools(command, error)
+    effect = cools * (T_a - T)  # K by which the coil cools, or heats
+    mean = running_mean(np.where(good, T, 0.0), good, max(1, round(_AVERAGE / interval)))
+    steady = np.abs(mean - np.roll(mean, round(_FULL_EFFECT / interval))) < _STEADY
+    silent = (long_open & (np.abs(error) > MET) & (effect < _NO_EFFECT)) | (long_shut & steady & (effect > _LEAK))
+    swing = np.where(calm, about - level, np.nan)
+    return _Seen(T, command, error, T - T_a, swing, good, starting, is_open, is_shut, silent, cools)
 
 
-def _for_long(at: Mask, interval: float) -> Mask:
-    """The runs that last ten minutes and two samples, (n,)."""
+def _cools(command: Array, error: Array) -> float:
+    """1 of a cooling coil, whose integral opens the valve while the error is positive; -1 of a heating coil, or 0."""
+    moves = np.diff(command)
+    answer = np.nansum(moves * (error[1:] + error[:-1]))
+    at_ends = [np.nansum(error[command >= 1.0 - _AT_END]), -np.nansum(error[command <= _AT_END])]
+    evidence = [answer, *at_ends] if np.abs(moves).sum() > 1.0 else [*at_ends, answer]
+    return next((float(np.sign(one)) for one in evidence if one != 0.0), 0.0)
+
+
+def _for_long(at: Mask, interval: float, after: float) -> Mask:
+    """The runs that last ten minutes and four samples, from ``after`` s after their begin, (n,)."""
     found = np.zeros(at.size, dtype=bool)
     for first, last in runs(at):
-        found[first:last] = last - first >= 2 and (last - first) * interval >= _AT_END_FOR
+        if last - first >= _PER_PERIOD and (last - first) * interval >= _AT_END_FOR:
+            found[first + round(after / interval) : last] = True
     return found
 
 
-def _hour(seen: _Seen, at: slice) -> tuple[dict[str, float], str, str]:
+def _hour(seen: _Seen, at: slice, grid: Grid) -> tuple[dict[str, float], str, str]:
     """Numbers and state of one hour, and what its log cannot show."""
-    good, starting = seen.good[at], seen.starting[at]
-    numbers = {"enabled": float(seen.on[at].mean())}
-    if min(numbers["enabled"], good.mean() / max(numbers["enabled"], 1e-9)) < _HALF:
-        return numbers, OFF, ""
+    good, starting, on = seen.good[at], seen.starting[at], float(grid.on[at].mean())
+    if on < _HALF or good.mean() < _HALF * on:
+        return {"enabled": on}, OFF, ""
     here = good & ~starting if (good & ~starting).any() else good
-    command, error = seen.command[at][here], seen.error[at][here]
-    is_open, is_shut = (float((end[at] & here).mean()) for end in (seen.open, seen.shut))
+    T, command, error, air = (series[at][here] for series in seen[:4])
+    is_open, is_shut, silent = (float((mask[at] & here).mean()) for mask in (seen.open, seen.shut, seen.silent))
     mean, rms = float(error.mean()), float(np.sqrt(np.mean(error**2)))
-    swing, crossings = _swing(seen, at)
-    numbers |= swing | {
-        "in_control": float((np.abs(seen.error[at]) <= MET).mean()) if np.isfinite(mean) else np.nan,
-        "saturated": is_open + is_shut, "not_responding": _not_responding(seen, at, here), "error": mean,
-        "error_rms": rms, "command": float(command.mean()), "from_air": float(seen.from_air[at][here].mean()),
+    moved = float(np.ptp(command))
+    fall = seen.cools * float(T[np.argmin(command)] - T[np.argmax(command)])  # of T_sup, as the valve opens
+    stays = np.all(error > MET) or np.all(error < -MET)
+    if stays and moved > _MOVES and fall < _LEAST_GAIN * moved:
+        silent = 1.0
+    swing, crossings = _swing(seen.swing, at, grid.interval)
+    numbers = swing | {
+        "enabled": on, "in_control": float(np.mean(np.abs(seen.error[at]) <= MET)), "saturated": is_open + is_shut,
+        "not_responding": silent, "command": float(command.mean()), "error": mean, "error_rms": rms,
+        "from_air": float(air.mean()),
     }  # fmt: skip
-    swings = numbers["swing"] >= SWING and crossings >= _CROSSINGS
     applies = {
-        STARTING: starting.mean() >= _HALF,
-        SILENT: numbers["not_responding"] >= _HALF,
-        NOT_MET: is_open >= _HALF and abs(mean) > MET,
+        STARTING: starting.mean() >= _HALF, SILENT: silent >= _HALF, NOT_MET: is_open >= _HALF and abs(mean) > MET,
         LOCKED: is_shut >= _HALF and seen.cools * mean > MET,
-        SWINGS: swings and numbers["saturated"] < _NEARLY_ALL,  # of a valve that moves
-        OPEN: is_open >= _HALF,
-        SHUT: is_shut >= _HALF,
-        ASTRAY: abs(mean) > MET or rms > _FAR * MET,
-        HOLDS: command.size >= _PER_PERIOD and np.ptp(command) < _STANDS,
-    }
+        SWINGS: swing["swing"] >= SWING and crossings >= _CROSSINGS and is_open + is_shut < _NEARLY_ALL,
+        OPEN: is_open >= _HALF and rms <= _FAR * MET, SHUT: is_shut >= _HALF,
+        ASTRAY: abs(mean) > MET or rms > _FAR * MET, HOLDS: command.size >= _PER_PERIOD and moved < _STANDS,
+    }  # fmt: skip
     missing = 1.0 - float(np.isfinite(seen.T[at]).mean())
     limits = {
         f"{100 * missing:.0f} % of T_sup is missing": missing > 1.0 - _NEARLY_ALL,
-        f"no swing faster than {_PER_PERIOD * seen.interval / 60:.0f} min": seen.interval > COARSE,
+        f"no swing faster than {_PER_PERIOD * grid.interval / 60:.0f} min": grid.interval > COARSE,
         "no error: T_set is not logged": np.isnan(seen.error).all(),
-        "no swing: the set-point changes too often": np.isnan(numbers["swing"]) and starting.mean() < _HALF,
+        "no swing: the set-point changes too often": np.isnan(swing["swing"]) and starting.mean() < _HALF,
     }
-    said = "; ".join(limit for limit, holds in limits.items() if holds)
-    return numbers, next((state for state in STATES if applies.get(state)), CONTROLS), said
+    state = next((state for state in STATES if applies.get(state)), CONTROLS)
+    return numbers, state, "; ".join(limit for limit, holds in limits.items() if holds)
 
 
-def _not_responding(seen: _Seen, at: slice, here: Mask) -> float:
-    """Share of the hour: open without an effect, shut with one, or moving without an answer."""
-    command, T, error = seen.command[at][here], seen.T[at][here], seen.mean_error[at][here]
-    if np.ptp(command) > _MOVES and np.all(np.abs(error) > MET) and np.ptp(np.sign(error)) == 0.0:
-        low, high = int(np.argmin(command)), command.size - 1 - int(np.argmax(command[::-1]))
-        if seen.cools * (T[low] - T[high]) < _LEAST_GAIN * np.ptp(command):
-            return 1.0
-    effect = -seen.cools * seen.from_air[at]  # K by which the coil cools, or heats
-    before = np.maximum(np.arange(at.start, at.stop) - round(_FULL_EFFECT / seen.interval), 0)
-    long_open, long_shut = (end[at] & end[before] for end in (seen.open, seen.shut))
-    half = T.size // 2
-    steady = half > 0 and abs(T[:half].mean() - T[half:].mean()) < _STEADY
-    off = np.abs(seen.mean_error[at]) > MET
-    silent = (long_open & off & (effect < _NO_EFFECT)) | (long_shut & steady & (effect > _LEAK))
-    return float((here & silent).mean())
-
-
-def _swing(seen: _Seen, at: slice) -> tuple[dict[str, float], int]:
+def _swing(swing: Array, at: slice, interval: float) -> tuple[dict[str, float], int]:
     """Size, period and regularity of the swing in an hour and those beside it; how often it crosses its level."""
-    beside = max(round(_HOUR / seen.interval), _LEVEL_SAMPLES)
-    own, around = seen.swing[at], seen.swing[max(at.start - beside, 0) : at.stop + beside]
+    beside = max(round(_HOUR / interval), _LEVEL_SAMPLES)
+    own, around = swing[at], swing[max(at.start - beside, 0) : at.stop + beside]
     measured = own if np.isfinite(own).sum() >= _FINE else around
     if np.isfinite(measured).sum() < _PER_PERIOD:
         return {"swing": np.nan}, 0
@@ -198,15 +186,11 @@ def _swing(seen: _Seen, at: slice) -> tuple[dict[str, float], int]:
     beyond = np.flatnonzero(np.abs(around) > _HYSTERESIS * np.nanstd(around))
     crossed = beyond[1:][np.diff(np.sign(around[beyond])) != 0.0]
     cycles = [c - a for a, c in zip(crossed, crossed[2:], strict=False) if np.isfinite(around[a:c]).all()]
-    period = float(np.median(cycles)) * seen.interval if cycles else np.nan
-    if size < SWING or len(cycles) < _CROSSINGS - 2 or period < _PER_PERIOD * seen.interval:
+    period = float(np.median(cycles)) if cycles else 0.0  # samples
+    if size < SWING or len(cycles) < _CROSSINGS - 2 or period < _PER_PERIOD:
         return {"swing": size}, crossed.size
-    spread = _SPREAD * float(np.median(np.abs(np.array(cycles) * seen.interval - period)))
-    return {
-        "swing": size,
-        "period": period,
-        "regularity": period / 3.0 / max(spread, seen.interval / 6.0),
-    }, crossed.size
+    spread = max(_SPREAD * float(np.median(np.abs(cycles - np.array(period)))), 1.0 / 6.0)
+    return {"swing": size, "period": period * interval, "regularity": period / 3.0 / spread}, crossed.size
 
 
 def headline_of(triage: xr.Dataset) -> str:
@@ -215,62 +199,58 @@ def headline_of(triage: xr.Dataset) -> str:
     hours, state, interval = on["hour"].size, on["state"].values, float(on.attrs["interval"])
     if not hours:
         return "The plant is off in the whole log: log hours of operation, or check the column enabled."
-    found, again = warnings_of(triage)[:2], ""
-    shut, controlled = on.isel(hour=state == SHUT), on.isel(hour=np.isin(state, (CONTROLS, HOLDS, OPEN)))
-    if np.isnan(on["error"]).all():
-        found = found or [f"{hours} h: no fault shows; without T_set the error is not known"]
-    if not found and controlled["hour"].size:
-        rms = float(controlled["error_rms"].median())
-        found.append(f"{controlled['hour'].size} of {hours} h in control, error typically {rms:.2g} K (RMS)")
-    if len(found) < 2 and not warnings_of(triage) and shut["hour"].size:
-        found.append(f"{shut['hour'].size} of {hours} h shut without a call")
+    found, shut, calm = warnings_of(triage)[:2], on.isel(hour=state == SHUT), np.isin(state, (CONTROLS, HOLDS, OPEN))
+    if not found and np.isnan(on["error"]).all():
+        found = [f"{hours} h: no fault shows; without T_set the error is not known"]
+    elif not found:
+        rms = float(on["error_rms"][calm].median())
+        found = [f"{calm.sum()} of {hours} h in control, error typically {rms:.2g} K (RMS)"] * bool(calm.any())
+        found += [f"{shut['hour'].size} of {hours} h shut without a call"] * bool(shut["hour"].size)
     off = float(abs(shut["error"]).median()) if shut["hour"].size > _WORTH * hours else 0.0
+    again = []
     if interval > COARSE:
-        again = f" Log every 10 s for a day: a sample every {interval:.0f} s shows no gap, and no swing faster than "
-        again += f"{_PER_PERIOD * interval / 60:.0f} min."
-    elif off > _LEAK and np.isnan(shut["from_air"]).all():
-        again = f" Log T_a_in for a day to see whether the valve leaks: shut, it leaves T_sup {off:.2g} K off."
-    return f"{'; '.join(found) or f'{hours} h, too few to judge'}.{again}"
+        fastest = _PER_PERIOD * interval / 60
+        again = [
+            f"every 10 s for a day: every {interval:.0f} s shows no gap and no swing faster than {fastest:.0f} min"
+        ]
+    if off > _LEAK and np.isnan(shut["from_air"]).all():
+        again += [f"T_a_in to see whether the valve leaks: shut, it leaves T_sup {off:.2g} K off"]
+    return f"{'; '.join(found) or f'{hours} h, too few to judge'}." + f" Log {'; log '.join(again)}." * bool(again)
 
 
 def warnings_of(triage: xr.Dataset) -> list[str]:
     """A sentence on each fault that lasts for more than 15 % of the hours of operation, the worst first."""
     state, hours = triage["state"].values, int(np.sum(triage["state"].values != OFF))
-    at_end = (state == SILENT) & (triage["saturated"].values >= _HALF)
-    is_open = triage["command"].values > _HALF
-    where = {
-        NOT_MET: (state == NOT_MET) | (at_end & is_open), SHUT: at_end & ~is_open, SILENT: (state == SILENT) & ~at_end,
-        **{fault: state == fault for fault in (LOCKED, SWINGS, ASTRAY)},
-    }  # fmt: skip
-    return [
-        f"{at.sum()} of {hours} h: {_said(fault, triage.isel(hour=at))}"
-        for fault, at in where.items()
-        if at.sum() > _WORTH * hours
-    ]
+    at_end, is_open = triage["saturated"].values >= _HALF, triage["command"].values > _HALF
+    silent = state == SILENT
+    where = {NOT_MET: (state == NOT_MET) | (silent & at_end & is_open), SHUT: silent & at_end & ~is_open}
+    where |= {SILENT: silent & ~at_end} | {fault: state == fault for fault in (LOCKED, SWINGS, ASTRAY)}
+    lasting = [(fault, at) for fault, at in where.items() if at.sum() > _WORTH * hours]
+    return [f"{at.sum()} of {hours} h: {_said(fault, triage.isel(hour=at))}" for fault, at in lasting]
 
 
 def _said(fault: str, here: xr.Dataset) -> str:
     """A fault in words: numbers are medians of the hours in which it occurs, ``here``."""
-    typical = {name: float(here[name].median()) for name in VARIABLES}
-    error, air, size, period = (typical[name] for name in ("error", "from_air", "swing", "period"))
-    off, beside = (
-        f"{abs(one):.2g} K {'above' if one > 0.0 else 'below'} the {other}"
-        for one, other in ((error, "set-point"), (air, "entering air"))
+    error, air, command, swing, period, regularity = (
+        float(here[name].median()) for name in ("error", "from_air", "command", "swing", "period", "regularity")
     )
+    off = f"{abs(error):.2g} K {'above' if error > 0.0 else 'below'} the set-point"
+    beside = f"{abs(air):.2g} K {'above' if air > 0.0 else 'below'} the entering air"
     effect, largest = -here.attrs["cools"] * air, float(here["swing"].max())
-    coil = "a stuck valve or too small a coil" if not effect < _LEAK else "a valve stuck shut"
-    other = f", or something else {'heats' if air > 0.0 else 'cools'} the air" if effect < -_LEAK else ""
-    every = f"{period:.0f} s" if period < 120.0 else f"{period / 60:.0f} min"
-    every = f"about every {every}{' or faster' * (here.attrs['interval'] > COARSE)}"
-    sentences = {
-        NOT_MET: f"the valve is wide open and T_sup stays {off}{f', {beside}' * bool(np.isfinite(air))}: no water, "
-                 f"{coil}{other}",
+    coil = "no water or a valve stuck shut" if effect < _LEAK else "no water, a stuck valve or too small a coil"
+    coil = (
+        "" if np.isnan(air) else f", {beside}" if abs(air) > _STEADY else ", as warm as the entering air"
+    ) + f": {coil}"
+    coil += f", or something else {'heats' if air > 0.0 else 'cools'} the air" * (effect < -_LEAK)
+    every = f"about every {f'{period:.0f} s' if period < 120.0 else f'{period / 60:.0f} min'}"
+    every += " or faster" * (here.attrs["interval"] > COARSE) + ", unevenly" * (regularity < REGULAR)
+    up_to = f", up to ± {largest / 2:.2g} K," * (largest > _FAR * swing)
+    unresolved = "too fast for this log to show the period"
+    return {
+        NOT_MET: f"the valve is wide open and T_sup stays {off}{coil}",
         SHUT: f"the valve is shut and T_sup stays {beside}: it leaks or is stuck open, or a sensor is wrong",
         SILENT: f"the command moves and T_sup stays {off}: a stuck valve, a loose linkage or no water",
         LOCKED: f"the command keeps the valve shut while T_sup is {off}: look for an interlock or wind-up",
-        ASTRAY: f"T_sup is {off} with the command at {100 * typical['command']:.0f} %: a slow loop, or one in hand",
-        SWINGS: f"T_sup swings ± {size / 2:.2g} K{f', up to ± {largest / 2:.2g} K,' * (largest > _FAR * size)} "
-                f"{every if np.isfinite(period) else 'too fast for this log to show the period'}"
-                f"{', unevenly' * (typical['regularity'] < REGULAR)}",
-    }  # fmt: skip
-    return sentences[fault]
+        ASTRAY: f"T_sup is {off} with the command at {100 * command:.0f} %: a slow loop, or one in hand",
+        SWINGS: f"T_sup swings ± {swing / 2:.2g} K{up_to} {every if np.isfinite(period) else unresolved}",
+    }[fault]

@@ -126,10 +126,10 @@ def _fitted_parameters(fit: Fit) -> Table:
 # --- a diagnosis ------------------------------------------------------------------------------------------------------
 
 _ONE_PAGE = (
-    "From the top: supply air (line) and its set-point (dashed) in the two hours in which the motor moves most; the "
-    "command of the controller; the probability of each size of the gap (bars) with its 95 % interval (grey band), "
-    "grey bars where the log does not identify it; what the loop fitted to this log would do with another valve, gain "
-    "or controller, as found = 100 %."
+    "From the top: what each hour was like; supply air (line) and its set-point (dashed) in the two hours in which the "
+    "motor moves most; the command of the controller; the probability of each size of the gap (bars) with its 95 % "
+    "interval (grey band), grey bars where the log does not identify it; what the loop fitted to this log would do "
+    "with another valve, gain or controller, as found = 100 %."
 )
 
 
