@@ -28,6 +28,7 @@ shut one has some.  K between the halves of an hour: a duct that cools down or w
 _MOVES, _LEAST_GAIN, _STANDS = 0.2, 2.0, 0.005
 """Of the stroke; K per stroke below which no coil answers a valve; of the stroke, up to which a command stands still
 for an hour."""
+_TELLING_MOVES = 10  # of a command that show the sign of its controller
 _AVERAGE, _LEVEL, _LEVEL_SAMPLES = 600.0, 3600.0, 8  # s of the mean error; s and samples of the level under a swing
 _CROSSINGS, _HYSTERESIS, _PER_PERIOD, _FINE, _SPREAD = 4, 0.3, 4, 20, 2.1
 """Crossings of its level in three hours that make a swing, each by that many standard deviations; samples that resolve
@@ -124,7 +125,7 @@ def _cools(command: Array, error: Array) -> float:
     moves = np.diff(command)
     answer = np.nansum(moves * (error[1:] + error[:-1]))
     at_ends = [np.nansum(error[command >= 1.0 - _AT_END]), -np.nansum(error[command <= _AT_END])]
-    evidence = [answer, *at_ends] if np.abs(moves).sum() > 1.0 else [*at_ends, answer]
+    evidence = [answer, *at_ends] if np.count_nonzero(moves) >= _TELLING_MOVES else [*at_ends, answer]
     return next((float(np.sign(one)) for one in evidence if one != 0.0), 0.0)
 
 
