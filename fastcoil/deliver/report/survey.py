@@ -16,7 +16,7 @@ from fastcoil.base.arguments import checking, flag_of, path_of
 from fastcoil.base.errors import FastcoilError, InputError, StorageError, collecting
 from fastcoil.base.files import commit, entries, exists, is_folder, make_folder, require_file, storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
-from fastcoil.base.text import NONE, no_formula
+from fastcoil.base.text import NONE, no_formula, printable
 from fastcoil.deliver.report.page import Page, Section, Table, number, require_page
 from fastcoil.loops.provenance import content_sha256
 from fastcoil.loops.simulate import workers
@@ -98,7 +98,7 @@ def survey(
         with storage_errors(target.parent, "written"):
             make_folder(target.parent, parents=True)
         text = _csv(ds) if target.suffix.lower() == ".csv" else _page(ds).html()
-        commit(target, text.encode(errors="backslashreplace"))  # names of files may hold any byte
+        commit(target, text.encode())
     return ds
 
 
@@ -196,6 +196,8 @@ def _rank(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
+    for row in rows:  # names of files may hold any byte
+        row |= {name: printable(row[name]) for name in ("valve", *_TEXTS)}
     ds = xr.Dataset(coords={"valve": np.array([row["valve"] for row in rows], dtype=object)})
     for name in _MISSING:
         attrs = dict(zip(("units", "long_name"), _NUMBERS.get(name, ()), strict=False))

@@ -163,6 +163,15 @@ def test_several_files_are_days_of_one_valve(building):
     assert done.output.startswith("AHU.csv and 1 more: 6.0 h")
 
 
+def test_a_file_may_have_any_name(tmp_path):
+    for name in (b"\xff.csv", b"=1+1.csv"):
+        path = tmp_path / os.fsdecode(name)
+        path.write_text("no log")
+    ds = fc.survey(tmp_path, tmp_path / "out")
+    assert set(ds.valve.values) == {"\\udcff", "=1+1"}
+    assert "\n'=1+1," in (tmp_path / "out" / "survey.csv").read_text(), "no formula"
+
+
 @pytest.mark.alone
 def test_an_interrupt_leaves_nothing_half_written(building, tmp_path):
     for k in range(100):
