@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.logs.series import COLUMNS, FRACTION, HUMIDITIES, HUMIDITY_RATIO, TRAVEL
+from fastcoil.logs.series import AIR_FLOW, COLUMNS, FRACTION, HUMIDITIES, HUMIDITY_RATIO, TRAVEL, WATER_FLOW
 from fastcoil.model import moist_air
 
 _AIR = ("T_sup", "T_set")
@@ -22,6 +22,8 @@ _OUTSIDE = 4.0  # by which supply air lies outside entering air and water: senso
 _LEAST_OF_F, _MOST_OF_C, _MOST_OF_WATER = 32.0, 45.0, 100.0  # numbers of °F; of °C
 _FEWEST_VALUES, _LEAST_TRAVEL = 5, 0.2  # of a command that is a fraction, and not a valve that leaks
 _LEAST_G = 0.1  # g/kg
+_LEAST_AIR, _LEAST_WATER = 0.002, 0.001  # largest flow of a log, kg/s; less is none of a coil
+_UNIT_JUMP, _UNIT_MATCH, _UNIT_ROWS = 25.0, 3.0, 10  # K, K, rows on either side: where °C goes over to °F
 _SLACK_DEW_POINT, _SLACK_W, _LOWEST_PRESSURE = 1.0, 1.05, 75e3
 """A reading so far above saturation, K and a share, at a pressure up in the mountains, Pa, is none of air."""
 _AT_LIMIT = 0.01  # of the travel
@@ -51,6 +53,8 @@ def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted
         moves = top > _LEAST_TRAVEL and np.unique(numbers).size >= _FEWEST_VALUES
         if family is HUMIDITY_RATIO and 0.0 < top < _LEAST_G:
             found[name] = "kg/kg"
+        elif family in (AIR_FLOW, WATER_FLOW) and 0.0 < scale * top < (_LEAST_AIR if name == "m_a" else _LEAST_WATER):
+            found[name] = "kg/s"
         elif is_fraction and (name == "RH_a_in" or moves):
             found[name] = "1"
     on = _in_control(values)
@@ -109,10 +113,32 @@ def _is_contradictory(T: Mapping[str, float]) -> bool:
         return True
     if len(air) == 2 and abs(air[0] - air[1]) > _OFF_SET:
         return True
-    if not T.keys() >= {"T_sup", "T_a_in", "T_w_in"}:
+    if not T.keys() >= {"T_a_in", "T_w_in"}:
         return False
     low, high = sorted((T["T_a_in"], T["T_w_in"]))
+    if "T_sup" not in T:  # set-points above both stand for days on which nothing is cooled
+        return T.get("T_set", low) < low - _OUTSIDE
     return not low - _OUTSIDE <= T["T_sup"] <= high + _OUTSIDE
+
+
+def exchanged_with_supply(values: Mapping[str, Array]) -> str:
+    """The entering temperature that seems exchanged with ``T_sup``, which is outside both; blank if none does."""
+    on, names = _in_control(values), ("T_sup", "T_w_in", "T_a_in")
+    if not all(name in values and np.isfinite(values[name][on]).any() for name in names):
+        return ""
+    T = {name: float(np.nanmedian(values[name][on])) for name in names}
+    trials = [name for name in names[1:] if not _is_contradictory(T | {"T_sup": T[name], name: T["T_sup"]})]
+    return trials[0] if trials and _is_contradictory(T) else ""
+
+
+def row_of_new_unit(T: Array) -> int:
+    """Index from which an air temperature [degC] goes on in °F instead of °C, or the reverse; 0 if nowhere."""
+    for k in (np.flatnonzero(np.abs(np.diff(T)) > _UNIT_JUMP) + 1).tolist()[:_UNIT_ROWS]:
+        sides = T[max(k - _UNIT_ROWS, 0) : k], T[k : k + _UNIT_ROWS]
+        low, high = sorted(float(np.nanmedian(side)) for side in sides)
+        if abs(1.8 * low + 32.0 - high) < _UNIT_MATCH:
+            return k
+    return 0
 
 
 def looks_like(unit: str) -> str:

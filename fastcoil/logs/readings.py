@@ -11,9 +11,9 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.logs import plausibility
 from fastcoil.logs.cells import Cells, Writing, cells_of, writing_of
 from fastcoil.logs.columns import Reading, Wanted, marked_by_status
-from fastcoil.logs.plausibility import above_saturation, are_exchanged, looks_like, misread_units
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
 
@@ -93,15 +93,25 @@ def question_units(table: Table, readings: Readings, found: Mapping[str, int], h
     """Make a problem of each unit that the numbers contradict, and of set-point and temperature exchanged."""
     trusted = {name for name in how.units if name in found and table.declared_units(found[name])}
     values = {name: np.where(readings.missing[name], np.nan, readings.known[name]) for name in readings.units}
-    for name, meant in misread_units(values, readings.units, trusted).items():
+    for name, meant in plausibility.misread_units(values, readings.units, trusted).items():
         unit, k = readings.units[name], int(np.argmax(np.isfinite(values[name])))
         cell, row = shown(table.rows[k][found[name]].strip()), table.row_numbers[k]
         table.problems.append(
-            f"{name} = {cell} in row {row} is declared in {unit}, and {looks_like(meant)}: "
+            f"{name} = {cell} in row {row} is declared in {unit}, and {plausibility.looks_like(meant)}: "
             f"{table.cure_of_unit(found[name], meant)}; if {unit} is right, declare it in the log and "
             f"with {how.unit_cure(name, unit)}"
         )
-    if {"T_sup", "T_set"} <= values.keys() and are_exchanged(values["T_sup"], values["T_set"]):
+    for name in sorted({"T_sup", "T_set", "T_a_in"} & values.keys() - trusted):
+        if k := plausibility.row_of_new_unit(values[name]):
+            row = table.row_numbers[k]
+            table.problems.append(f"{name} jumps in row {row} as if °C and °F were in one column: write one unit")
+    other = plausibility.exchanged_with_supply(values) if not table.problems else ""
+    if other and not {"T_sup", other} <= trusted:
+        table.problems.append(
+            f"T_sup, first in row {table.row_numbers[0]}, is outside what air and water enter with, as if {other} and "
+            "it were exchanged: exchange the two headers, or check both sensors"
+        )
+    if {"T_sup", "T_set"} <= values.keys() and plausibility.are_exchanged(values["T_sup"], values["T_set"]):
         k = int(np.argmax(np.diff(values["T_set"]) != 0.0)) + 1
         table.problems.append(
             f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup stands still, as if they "
@@ -112,7 +122,7 @@ def question_units(table: Table, readings: Readings, found: Mapping[str, int], h
 def refuse_supersaturation(table: Table, readings: Readings, constants: Mapping[str, float]) -> None:
     """Air above saturation is a bad value of its humidity, and a problem where most rows have it."""
     known: dict[str, Any] = {**constants, **readings.known}
-    name, above = above_saturation(known)
+    name, above = plausibility.above_saturation(known)
     if not above.any():
         return
     rows = name if name in readings.known else "T_a_in"

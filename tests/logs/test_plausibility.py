@@ -10,7 +10,7 @@ import fastcoil as fc
 from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.logs.join import join_points
-from fastcoil.logs.plausibility import misread_units
+from fastcoil.logs.plausibility import exchanged_with_supply, misread_units
 from fastcoil.logs.series import COLUMNS
 from fastcoil.model.moist_air import humidity_ratio
 
@@ -68,6 +68,13 @@ def mutated(kind, r, heats):
         log["command"] = log["command"] / 100
     elif kind == "exchanged":
         log["T_sup"], log["T_set"] = log["T_set"], log["T_sup"]
+    elif kind == "°F from here on":
+        log["T_a_in"] = np.where(np.arange(N) < N // 2, log["T_a_in"], 1.8 * log["T_a_in"] + 32)
+    elif kind == "supply and water exchanged":
+        log["T_sup"], log["T_w_in"] = log["T_w_in"], log["T_sup"]
+        del log["T_set"]
+    elif kind == "air flow in kg/s as kg/h":
+        units["m_a"] = "kg/h"
     elif kind == "shuffled":
         layout["order"] = r.permutation(N)
     else:
@@ -90,6 +97,9 @@ def mutated(kind, r, heats):
         ("RH as a fraction", "declared in %, and its numbers look like a fraction: write 'RH_a_in [1]' in the header"),
         ("command as a fraction", "declared in %, and its numbers look like a fraction: write 'command [1]'"),
         ("exchanged", "while T_sup stands still, as if they were exchanged: exchange the two headers"),
+        ("°F from here on", "T_a_in jumps in row 62 as if °C and °F were in one column: write one unit"),
+        ("supply and water exchanged", ""),
+        ("air flow in kg/s as kg/h", "declared in kg/h, and its numbers look like kg/s: write 'm_a [kg/s]'"),
         ("shuffled", "sort the rows, oldest first"),
         ("W in g as kg", "must be from 0 to 0.1 kg/kg; check its unit"),
         ("W in kg as g", "declared in g/kg, and its numbers look like kg/kg: write 'W_a_in [kg/kg]'"),
@@ -113,6 +123,10 @@ def test_a_log_with_a_contradiction_is_refused_with_value_row_and_cure(tmp_path,
         ({"T_sup": (14, "degC"), "T_set": (40, "degC")}, {"T_set": "degF"}),
         ({"T_sup": (14, "degC"), "T_set": (25, "degC")}, {}),
         ({"T_sup": (14, "degC"), "T_set": (31, "degC")}, {}),  # 12 K apart, and no less in °F
+        ({"T_set": (14, "degC"), "T_a_in": (25, "degC"), "T_w_in": (44, "degC")}, {"T_w_in": "degF"}),
+        ({"T_set": (24, "degC"), "T_a_in": (12, "degC"), "T_w_in": (50, "degC")}, {}),
+        ({"m_w": (0.7, "L/h")}, {"m_w": "kg/s"}),
+        ({"m_w": (50, "L/h"), "m_a": (300, "m3/h")}, {}),
         ({"T_sup": (55, "degC"), "T_w_in": (70, "degC")}, {}),
         ({"T_sup": (27, "degC"), "T_a_in": (13, "degC"), "T_w_in": (113, "degC")}, {"T_w_in": "degF"}),
         ({"T_sup": (27, "degC"), "T_a_in": (13, "degC"), "T_w_in": (60, "degF")}, {"T_w_in": "degC"}),
@@ -123,6 +137,16 @@ def test_the_unit_with_which_nothing_contradicts_is_found(numbers, found):
     units = {name: unit for name, (_, unit) in numbers.items()}
     assert misread_units(values, units, ()) == found
     assert misread_units(values, units, list(numbers)) == {}
+
+
+def test_supply_air_outside_what_enters_is_exchanged_with_the_one_that_fits():
+    values = {"T_sup": np.full(9, 7.0), "T_w_in": np.full(9, 14.0), "T_a_in": np.full(9, 25.0)}
+    assert exchanged_with_supply(values) == "T_w_in"
+    assert (
+        exchanged_with_supply({"T_sup": values["T_a_in"], "T_a_in": values["T_w_in"], "T_w_in": values["T_sup"]})
+        == "T_a_in"
+    )
+    assert exchanged_with_supply(values | {"T_sup": np.full(9, 16.0)}) == ""
 
 
 def test_only_the_time_in_control_counts():

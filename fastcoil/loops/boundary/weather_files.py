@@ -29,6 +29,7 @@ from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_poi
 
 STANDARD_PRESSURE = 101325.0
 """At sea level, Pa."""
+_MOST_APART = 48.0  # h from noon of a date to its hour of the year, in years with and without the 29th of February
 _LARGEST = 2**28  # bytes; a year by minutes has half as many
 
 WEATHER_COLUMNS = {
@@ -133,11 +134,14 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     table.check_names("columns", columns, WEATHER_COLUMNS)
     table.check_names("units", units, WEATHER_COLUMNS)
     found = asked_columns(table, columns)
-    for name, (_, header, unit) in WEATHER_COLUMNS.items():
+    for name, (series, header, unit) in WEATHER_COLUMNS.items():
         column = table.column(header)
         if name not in columns and column is not None:
             found[name] = column
-            units.setdefault(name, unit)
+            if series.units[series.spelled(units.setdefault(name, unit))] != series.units[unit]:
+                table.problems.append(
+                    f"units has {units[name]} for {name}: the header {header!r} says {unit}, drop one"
+                )
         elif name in ("hour_of_year", "T_drybulb") and name not in columns:
             table.problems.append(f"{name} is missing: add a column {header!r}, or name one in columns")
     if not {"T_dewpoint", "RH"} & {*found, *columns}:
@@ -152,6 +156,12 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
     if weather["hour_of_year"][jump + 1] != weather["hour_of_year"][jump] + 1.0:
         row = table.row_numbers[jump]
         table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
+    if {"month", "day"} <= weather.keys() and not table.problems:
+        noon = 24.0 * ((np.cumsum(_DAYS) - _DAYS)[weather["month"].astype(np.int64) - 1] + weather["day"] - 0.5)
+        apart = np.abs(noon - weather["hour_of_year"]) > _MOST_APART
+        if apart.any():
+            row = table.row_numbers[int(np.argmax(apart))]
+            table.problems.append(f"month and day in row {row} are not those of hour_of_year there: mend one of them")
     _require_plausible(table, weather)
     return Weather(weather, 60, table.notes)
 
@@ -167,9 +177,9 @@ def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
                 f"T_dewpoint = {dew[k]:g} degC in row {table.row_numbers[k]} is above T_drybulb = {T[k]:g} degC: check "
                 f"their units, or exchange the columns{in_total(int(above.sum()))}"
             )
-    if not table.problems and "RH" in series and 0.0 < series["RH"].max() <= 0.01:
+    if not table.problems and "RH" in series and series["RH"].max() <= 0.01:
         table.problems.append(
-            f"RH is at most {100 * series['RH'].max():.3g} %, first in row {table.row_numbers[0]}: it looks like a "
+            f"RH is at most {100 * series['RH'].max():.3g} %, first in row {table.row_numbers[0]}: if it is a "
             "fraction, write 'RH [1]' in the header and pass columns={'RH': 'RH'}"
         )
     table.stop_if_wrong()

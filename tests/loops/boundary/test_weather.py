@@ -69,7 +69,9 @@ def test_the_start_of_a_weather_day_in_three_ways(write):
     ("column", "values", "words"),
     [
         (5, [25.0] * 72, "T_dewpoint = 25 degC in row 2 is above T_drybulb = 10.5 degC"),
-        (6, [0.6] * 72, "RH is at most 0.6 %, first in row 2: it looks like a fraction, write 'RH [1]' in the header"),
+        (6, [0.0] * 72, "RH is at most 0 %, first in row 2"),
+        (1, [7] * 72, "month and day in row 2 are not those of hour_of_year there: mend one of them"),
+        (6, [0.6] * 72, "RH is at most 0.6 %, first in row 2: if it is a fraction, write 'RH [1]' in the header"),
     ],
 )
 def test_impossible_humidity_is_refused(write, column, values, words):
@@ -116,6 +118,7 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
         ({"start_hour": 8, "W_return": 0.008}, ["RH_return and W_return", "one of them"]),
         ({"start_hour": 8, "columns": {"T": "T_drybulb_C"}}, ["columns has unknown 'T'"]),
         ({"start_hour": 8, "columns": {"RH": "humidity"}}, ["RH: there is no column 'humidity'"]),
+        ({"start_hour": 8, "units": {"T_drybulb": "degF"}}, ["the header 'T_drybulb_C' says degC, drop one"]),
         ({"start_hour": 8, "units": {"T_drybulb": "Cel"}}, ["T_drybulb is in 'Cel'", "degC, degF, K"]),
     ],
 )
