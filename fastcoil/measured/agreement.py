@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arrays import Array, Mask
+from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.measured.fitted_plant import EDGE, LEAST_PI_ROWS
@@ -15,12 +15,13 @@ _FROM_SET_POINT, _OUTSIDE = 15.0, 10.0
 _TOGETHER = 10.0  # °F within which temperatures come that only a wrong unit held apart
 _OVER, _AFTER_SET_POINT = 120.0, 300.0  # s
 FARTHEST = 180.0  # s by which the clocks of two columns may differ
-_USUAL, _CLEARER = 0.9, 2.0
+_USUAL, _USUAL_TWICE, _CLEARER = 0.9, 0.8, 2.0
 _COARSEST = 0.02  # resolution of a command that is reckoned with, fraction of stroke
 _UNANSWERED, _UNANSWERED_PER_SECOND = 0.015, 1 / 2000
 """Share of the variance of the command's changes that the PI of its own temperature leaves at most, in a fast log and
-for each second between samples.  On other valves than those of the table ``placebos``, own temperatures leave more in
-1 to 2 %, those of another plant on the same schedule less in 2 % (log of 10 s) to 8 % (60 s)."""
+for each second between samples; as much again without a set-point.  Own temperatures leave more in 1 to 2 %, those of
+another plant on the same schedule less in 2 % (log of 10 s) to 8 % (60 s); chosen on other valves than the table
+``claims_misled``."""
 
 
 def require_agreement(log: Log) -> list[str]:
@@ -66,42 +67,64 @@ class Law(NamedTuple):
 NO_LAW = Law(0, np.nan, 0.0)
 
 
-def implied_law(command: Array, temperature: Array, T_set: Array, good: Mask, interval: float) -> Law:
+def implied_law(
+    command: Array, temperature: Array, T_set: Array | None, good: Mask, interval: float, *, settled: bool = True
+) -> Law:
     """How well a PI of the temperature explains the command, at the shift of the clock that explains it best.
 
-    Changes over two minutes are regressed on those of the error and its integral.  A while after each change of the
-    set-point is left out: every loop of one schedule answers that alike.  So is the worst tenth, where the command was
-    overridden.  What the resolution of the command explains is not missed.
+    Changes over two minutes are regressed on those of the error and its integral.  settled: whether a while after each
+    change of the set-point is left out, which every loop of one schedule answers alike; not if nothing is left then.
+    Without a set-point two such changes in a row are compared, from which one that stands still falls out.  The least
+    explained part is left out, where the command was overridden, and what the resolution of the command explains is
+    not missed.
     """
     width, farthest = max(1, round(_OVER / interval)), int(FARTHEST / interval)
-    changed = np.flatnonzero(np.diff(T_set) != 0.0) + 1
-    apart = np.zeros(good.size + 1, dtype=int)
-    np.add.at(apart, changed, 1)
-    np.add.at(apart, np.minimum(changed + int(_AFTER_SET_POINT / interval) + 1, good.size), -1)
-    compared = good & (np.cumsum(apart[:-1]) == 0)
-    error = np.where(compared, temperature - T_set, 0.0)
+    compared, error = good, np.where(good, temperature - np.mean(temperature[good]), 0.0)
+    if T_set is not None:
+        if settled:
+            compared = good & ~_shortly_after(np.diff(T_set) != 0.0, int(_AFTER_SET_POINT / interval))
+        error = np.where(compared, temperature - T_set, 0.0)
     total = np.concatenate([[0.0], np.cumsum(interval * error)])
-    first = np.arange(farthest, max(command.size - width - farthest, farthest))
-    first = first[all_good(compared, first - farthest, first + width + farthest)]
-    ends = np.stack([command[first], command[first + width]])
+    before = width if T_set is None else 0
+    first = np.arange(farthest + before, max(command.size - width - farthest, farthest + before))
+    first = first[all_good(compared, first - farthest - before, first + width + farthest)]
+    ends = np.stack([command[first - before], command[first], command[first + width]])
     first = first[(ends.min(axis=0) > EDGE) & (ends.max(axis=0) < 1.0 - EDGE)]
+
+    def changes(at: Index) -> Array:
+        return np.stack(
+            [error[at + width] - error[at], total[at + width + 1] - total[at + 1], np.ones(at.size)], axis=1
+        )
+
     moved = command[first + width] - command[first]
+    if before:
+        moved = moved - (command[first] - command[first - width])
     if first.size < LEAST_PI_ROWS or not np.any(moved):
-        return NO_LAW
+        if T_set is None or not settled:
+            return NO_LAW
+        at_all = implied_law(command, temperature, T_set, good, interval, settled=False)
+        return at_all if at_all.share >= at_all.least else NO_LAW
     values = np.diff(np.unique(command[compared]))
     rounding = min(float(values.min()), _COARSEST) ** 2 / 6.0  # variance of a change, of its rounding alone
     left = {}
     for late in sorted(range(-farthest, farthest + 1), key=abs):
         at = first + late
-        X = np.stack([error[at + width] - error[at], total[at + width + 1] - total[at + 1], np.ones(at.size)], axis=1)
+        X = changes(at) - changes(at - width) if before else changes(at)
         usual = np.ones(at.size, dtype=bool)
-        for _ in range(2):
+        for _ in range(3):
             solved = np.linalg.lstsq(X[usual], moved[usual], rcond=None)[0]
             rest = moved - X @ solved
-            usual = np.abs(rest) <= np.quantile(np.abs(rest), _USUAL)
+            usual = np.abs(rest) <= np.quantile(np.abs(rest), _USUAL_TWICE if before else _USUAL)
         variance = float(np.sum((moved[usual] - moved.mean()) ** 2))
         unexplained = max(float(np.sum(rest[usual] ** 2)) - rounding * usual.sum(), 0.0)
         left[late] = unexplained / max(variance, 1e-300)
     best = min(left, key=lambda late: left[late])
     late = best if _CLEARER * left[best] < left[0] else 0
-    return Law(late, 1.0 - left[late], 1.0 - max(_UNANSWERED, _UNANSWERED_PER_SECOND * interval))
+    least = 1.0 - max(_UNANSWERED, _UNANSWERED_PER_SECOND * interval) - (_UNANSWERED if before else 0.0)
+    return Law(late, 1.0 - left[late], least)
+
+
+def _shortly_after(changed: Mask, samples: int) -> Mask:
+    """The samples from each change on, (n,); changed: from each sample to the next, (n - 1,)."""
+    since = np.convolve(np.concatenate([[False], changed]), np.ones(samples + 1))
+    return np.asarray(since[: changed.size + 1] > 0.5)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.measured.agreement import NO_LAW, implied_law
+from fastcoil.measured.agreement import implied_law
 from fastcoil.measured.grid import all_good, held, mean_openings, motor_positions
 from fastcoil.measured.measures import in_control
 from fastcoil.measured.part import turns
@@ -31,9 +31,6 @@ USUAL, JUMP, LEAST_JUMPS, APART = 0.9, 4.0, 3, 600.0
 start-up makes some, so that three are asked for, these many seconds apart."""
 FEWEST, CLOSED = 40, 1e-3
 TO_AND_FRO = 0.01  # of the stroke: what a command moves one way and straight back, sample by sample
-FARTHEST, EXPLAINED, CLEARER = 4, 0.8, 3.0
-"""Samples by which columns are moved at most; a shift is reported where the control law explains that share of the
-variance with it, and leaves so many times less of it than without."""
 
 
 def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | None, interval: float) -> bool:
@@ -78,37 +75,6 @@ def arrivals(command: Array, good: Mask) -> int:
     """How often the command arrives at one of its ends."""
     at_end = (command <= CLOSED) | (command >= 1.0 - CLOSED)
     return int(np.sum(at_end[1:] & ~at_end[:-1] & good[1:] & good[:-1]))
-
-
-def late(command: Array, temperature: Array, good: Mask) -> int:
-    """By how many samples the temperatures stand too late beside the commands; negative: too early; 0 if not sure.
-
-    The change of a command minus the one before is a linear function of temperatures of the same samples.  The lag
-    that explains it best counts: a command cannot answer a temperature to come.
-    """
-    changed = np.flatnonzero(np.diff(command) != 0.0) + 1
-    changed = changed[(changed > 2 * FARTHEST) & (changed < command.size - FARTHEST)]
-    if changed.size < FEWEST:
-        return 0
-    first, middle, last = changed[:-2], changed[1:-1], changed[2:]
-    even = (middle - first == last - middle) & (last - middle <= 2 * FARTHEST)
-    even &= first >= FARTHEST
-    even &= all_good(good, np.maximum(first - FARTHEST, 0), np.minimum(last + FARTHEST, command.size - 1))
-    first, middle, last = first[even], middle[even], last[even]
-    if first.size < FEWEST:
-        return 0
-    moved = command[last] - 2.0 * command[middle] + command[first]
-    left = {s: _share_left(moved, temperature, first + s, middle + s, last + s) for s in range(-FARTHEST, FARTHEST + 1)}
-    best = min(left, key=lambda s: left[s])
-    return best if left[best] <= 1.0 - EXPLAINED and CLEARER * left[best] < left[0] else 0
-
-
-def _share_left(moved: Array, temperature: Array, first: Index, middle: Index, last: Index) -> float:
-    """Share of the variance of second differences of the command that temperatures at these samples leave."""
-    change = temperature[last] - temperature[middle]
-    left = _left(np.stack([change - (temperature[middle] - temperature[first]), change * (last - middle)], 1), moved)
-    usual = np.abs(left) <= np.quantile(np.abs(left), USUAL)
-    return float(np.sum(left[usual] ** 2) / max(np.sum(moved[usual] ** 2), 1e-300))
 
 
 def _left(X: Array, y: Array) -> Array:
@@ -315,11 +281,9 @@ def shown_by(
         return Shown(
             [], doubt="the command never turns back, and a gap shows at turns only: change the set-point up and down"
         )
-    law = NO_LAW
-    if T_set is not None:
-        law = implied_law(command, temperature, held(np.asarray(T_set, float)), good & np.isfinite(T_set), interval)
-    samples = law.late if np.isfinite(law.share) else late(command, temperature, good)
-    samples = samples if lag is None else round(lag / interval)
+    known = good if T_set is None else good & np.isfinite(T_set)
+    law = implied_law(command, temperature, None if T_set is None else held(np.asarray(T_set, float)), known, interval)
+    samples = law.late if lag is None else round(lag / interval)
     series = np.stack([temperature, *disturbances])
 
     def compared(moved: int, ends: int = 0, way: int = 1) -> Likelihood | None:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
+from fastcoil.measured.agreement import implied_law
 from fastcoil.measured.fitted_plant import recover_pi
-from fastcoil.measured.identify import arrivals, is_provoked, late, share_to_and_fro
+from fastcoil.measured.identify import arrivals, is_provoked, share_to_and_fro
 
 INTERVAL = 10.0
 
@@ -70,29 +71,22 @@ def test_a_chattering_inverse_moves_to_and_fro_and_a_loop_that_hunts_does_not():
     assert share_to_and_fro(chatters, ~GOOD) == 0.0
 
 
-@pytest.mark.parametrize("samples", [-3, -1, 0, 1, 3])
-@pytest.mark.parametrize("every", [1, 3])
-def test_a_column_that_stands_late_is_found_by_the_control_law(samples, every):
-    command, T = loop(steps(), every=every)
-    stands = np.roll(T, samples)
-    assert late(command, stands, GOOD) == samples
+@pytest.mark.parametrize("samples", [-9, -1, 0, 1, 12])
+def test_a_column_that_stands_late_is_found_by_the_control_law_without_its_set_point(samples):
+    command, T = loop(steps())
+    law = implied_law(command, np.roll(T, samples), None, GOOD, INTERVAL)
+    assert law.late == samples
+    assert law.share > law.least
 
 
-def test_a_shift_is_told_only_where_the_control_law_shows():
+def test_a_command_that_answers_no_temperature_of_the_log_implies_no_law():
     draw = np.random.default_rng(5)
     command, T = loop()
-    assert late(np.clip(0.5 + np.cumsum(draw.normal(0, 0.01, 2160)), 0, 1), np.roll(T, 2), GOOD) == 0
-    assert late(command + draw.normal(0, 0.02, 2160), np.roll(T, 2), GOOD) == 0
-    assert late(command + np.random.default_rng(5).normal(0, 3e-4, 2160), np.roll(T, 2), GOOD) == 0
-    assert late(np.full(2160, 0.5), T, GOOD) == 0
-    assert late(command, np.roll(T, 2), np.arange(2160) % 8 > 0) == 0
-
-
-def test_a_temperature_that_moves_slowly_tells_no_shift():
-    T = 14.0 + np.sin(np.arange(2160) / 15)
-    command = 0.5 + 0.02 * (T - 14) + 0.0005 * np.cumsum(T - 14)
-    noises = [np.random.default_rng(seed).normal(0, 3e-6, 2160) for seed in range(8)]
-    assert not any(late(command + noise, np.roll(T, 1), GOOD) for noise in noises)
+    for other in (np.clip(0.5 + np.cumsum(draw.normal(0, 0.01, 2160)), 0, 1), command + draw.normal(0, 0.02, 2160)):
+        law = implied_law(other, T, None, GOOD, INTERVAL)
+        assert law.share < law.least
+    for still, good in ((np.full(2160, 0.5), GOOD), (command, np.arange(2160) % 8 > 0)):
+        assert np.isnan(implied_law(still, T, None, good, INTERVAL).share)
 
 
 @pytest.mark.kernel

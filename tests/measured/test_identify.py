@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers.shared_data import measured
 
+from fastcoil.measured.agreement import Law
 from fastcoil.measured.grid import held
 from fastcoil.measured.identify import CANDIDATES, GOOD, Likelihood, Shown, backlash_of, identify_backlash
 
@@ -210,7 +211,7 @@ def test_commands_that_stand_late_or_answer_slowly_are_reckoned_with_as_both(mon
     found = identify_backlash(command, T, INTERVAL, T_set)
     assert found.late == -2 * INTERVAL
     assert found.backlash == pytest.approx(0.07, abs=0.014)
-    monkeypatch.setattr("fastcoil.measured.identify.late", lambda *_: 0)
+    monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))
     as_is, moved = (
         identify_backlash(command[cut:], T[: T.size - cut], INTERVAL, T_set[cut:]).probability for cut in (0, 2)
     )
