@@ -117,13 +117,15 @@ def build_loop(
 
 _USUAL: dict[str, tuple[float, float, str]] = {
     "kp": (-1.0, 1.0, "%/K, divide it by 100"),
-    "ti": (1.0, np.inf, "minutes, multiply it by 60"),
+    "ti": (3.0, np.inf, "minutes, multiply it by 60"),
     "backlash": (0.0, 0.3, "%, divide it by 100"),
     "backlash_estimate": (0.0, 0.3, "%, divide it by 100"),
     "buffer": (0.0, 0.3, "%, divide it by 100"),
     "C_w": (0.0, 1000.0, "J/K, divide it by 1000"),
     "C_c": (0.0, 1000.0, "J/K, divide it by 1000"),
     "stroke_time": (5.0, np.inf, "minutes, multiply it by 60"),
+    "noise_std": (0.0, 2.0, "mK, divide it by 1000"),
+    "sensor_resolution": (0.0, 2.0, "mK, divide it by 1000"),
 }
 """Least and largest usual value, and in which unit a value outside was perhaps meant; 0 always means off."""
 
