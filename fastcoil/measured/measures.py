@@ -213,8 +213,8 @@ def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
     reasons = {
         f"a sample every {grid.interval:.4g} s misses swings of minutes: log every 30 s or faster":
             grid.interval > COARSE,
-        f"the loop is settled and in control for {watched / 60:.0f} min only: log longer, with half an hour between "
-        "two changes of the set-point": watched < LEAST_WATCHED,
+        f"the loop is settled with its valve between the ends for {watched / 60:.0f} min only: log an hour or more of "
+        "that, with the set-point held": watched < LEAST_WATCHED,
         f"the log has no more than {piece / 60:.0f} min in one piece: log without gaps, or bridge them (max_gap)":
             piece < LEAST_PIECE,
         "the log has no set-point (T_set), and its changes hide a swing: log it, too": "T_set" not in grid.values,

@@ -35,7 +35,9 @@ _CROSSINGS, _HYSTERESIS, _PER_PERIOD, _FINE, _SPREAD = 4, 0.3, 4, 20, 2.1
 a period, and that are enough to measure the size in the hour itself; standard deviation of half periods over the
 median absolute one of whole periods."""
 _HALF, _NEARLY_ALL, _FAR, _HOUR = 0.5, 0.9, 1.5, 3600.0
-_WORTH = 0.15  # share of the hours of operation from which a fault is worth a line
+_WORTH, _WORTH_ASTRAY, _DOUBTFUL = 0.15, 0.3, 5.0
+"""Share of the hours of operation from which a fault is worth a line; of hours off the set-point, which a set-point
+that moves makes as well; K off the set-point with the valve shut from which a leak is worth a look."""
 
 VARIABLES: Mapping[str, tuple[str, str]] = {
     "enabled": ("1", "share of the hour in which the plant was on"),
@@ -214,27 +216,27 @@ def headline_of(triage: xr.Dataset) -> str:
         again = [
             f"every 10 s for a day: every {interval:.0f} s shows no gap and no swing faster than {fastest:.0f} min"
         ]
-    if off > _LEAK and np.isnan(shut["from_air"]).all():
+    if off > _DOUBTFUL and np.isnan(shut["from_air"]).all():
         again += [f"T_a_in to see whether the valve leaks: shut, it leaves T_sup {off:.2g} K off"]
     return f"{'; '.join(found) or f'{hours} h, too few to judge'}." + f" Log {'; log '.join(again)}." * bool(again)
 
 
 def warnings_of(triage: xr.Dataset) -> list[str]:
-    """A sentence on each fault that lasts for more than 15 % of the hours of operation, the worst first."""
+    """A sentence on each fault that lasts for a share of the hours of operation, the worst first."""
     state, hours = triage["state"].values, int(np.sum(triage["state"].values != OFF))
     at_end, is_open = triage["saturated"].values >= _HALF, triage["command"].values > _HALF
     silent = state == SILENT
     where = {NOT_MET: (state == NOT_MET) | (silent & at_end & is_open), SHUT: silent & at_end & ~is_open}
     where |= {SILENT: silent & ~at_end} | {fault: state == fault for fault in (LOCKED, SWINGS, ASTRAY)}
-    lasting = [(fault, at) for fault, at in where.items() if at.sum() > _WORTH * hours]
+    least = {fault: (_WORTH_ASTRAY if fault == ASTRAY else _WORTH) * hours for fault in where}
+    lasting = [(fault, at) for fault, at in where.items() if at.sum() > least[fault]]
     return [f"{at.sum()} of {hours} h: {_said(fault, triage.isel(hour=at))}" for fault, at in lasting]
 
 
 def _said(fault: str, here: xr.Dataset) -> str:
     """A fault in words: numbers are medians of the hours in which it occurs, ``here``."""
-    error, air, command, swing, period, regularity = (
-        float(here[name].median()) for name in ("error", "from_air", "command", "swing", "period", "regularity")
-    )
+    names = ("error", "error_rms", "from_air", "command", "swing", "period", "regularity")
+    error, rms, air, command, swing, period, regularity = (float(here[name].median()) for name in names)
     off = f"{abs(error):.2g} K {'above' if error > 0.0 else 'below'} the set-point"
     beside = f"{abs(air):.2g} K {'above' if air > 0.0 else 'below'} the entering air"
     effect, largest = -here.attrs["cools"] * air, float(here["swing"].max())
@@ -252,6 +254,6 @@ def _said(fault: str, here: xr.Dataset) -> str:
         SHUT: f"the valve is shut and T_sup stays {beside}: it leaks or is stuck open, or a sensor is wrong",
         SILENT: f"the command moves and T_sup stays {off}: a stuck valve, a loose linkage or no water",
         LOCKED: f"the command keeps the valve shut while T_sup is {off}: look for an interlock or wind-up",
-        ASTRAY: f"T_sup is {off} with the command at {100 * command:.0f} %: a slow loop, or one in hand",
+        ASTRAY: f"T_sup is {rms:.2g} K (RMS) off, command at {100 * command:.0f} %: a slow loop, or one in hand",
         SWINGS: f"T_sup swings ± {swing / 2:.2g} K{up_to} {every if np.isfinite(period) else unresolved}",
     }[fault]

@@ -130,7 +130,7 @@ def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, 
     assert "every 600 s" in coarse.reason
     short = fc.diagnose(log.isel(elapsed_time=slice(0, 120)))
     assert (short.identified, short.cause) == (False, "unknown")
-    assert "half an hour between two changes" in short.because
+    assert "with the set-point held" in short.because
 
 
 def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(diagnosis, coarse, tmp_path):
