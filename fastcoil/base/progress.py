@@ -9,9 +9,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
-from typing import Self
 
 SECONDS_BETWEEN_LINES = 10.0
 PATIENCE = 2.0
@@ -115,7 +114,7 @@ class Lines:
             print(state.words(), file=sys.stderr, flush=True)
 
 
-class Shown:
+class Shown(AbstractContextManager["Shown"]):
     """Shows progress in a view; call ``start`` when the total is known.  As a context it closes the view at its end."""
 
     def __init__(self, view: Bar | Lines | None, patience: float) -> None:
@@ -126,9 +125,6 @@ class Shown:
         self._first: float | None = None
         self._is_open = False
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.stop()
 
@@ -137,7 +133,7 @@ class Shown:
         self.stop()
         self._state, self._began = State(of, before, before, what=what), time.monotonic()
         if self._view is None:
-            return _ignore
+            return lambda finished: None
         # work in several parts is shown once all of them have taken that long
         self._first = self._began if self._first is None else self._first
         left = max(0.0, self._patience - (self._began - self._first))
@@ -177,10 +173,6 @@ class Shown:
     def _now(self) -> State:
         self._state.seconds = time.monotonic() - self._began
         return self._state
-
-
-def _ignore(_: int) -> None:
-    pass
 
 
 def progress_of_call(progress: bool | None) -> Shown:

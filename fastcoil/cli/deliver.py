@@ -80,11 +80,11 @@ def archive(folder: Path, out: Path | None) -> None:
     """
     from fastcoil.study.archive import INPUTS, pack
 
-    packed = pack(folder, out)
-    size = sum(entry.bytes for entry in packed.listing.files.values())
-    say(f"Archive: {packed.path} ({size / 1e6:,.1f} MB), content_sha256 {packed.listing.content_sha256}")
-    say(*(f"Input:   {name}" for name in packed.listing.files if name.startswith(f"{INPUTS}/")))
-    for path, member in packed.listing.elsewhere.items():
+    written, listing = pack(folder, out)
+    size = sum(entry.bytes for entry in listing.files.values())
+    say(f"Archive: {written} ({size / 1e6:,.1f} MB), content_sha256 {listing.content_sha256}")
+    say(*(f"Input:   {name}" for name in listing.files if name.startswith(f"{INPUTS}/")))
+    for path, member in listing.elsewhere.items():
         say(f"Note:    the study reads {path}, which other machines do not have; packed as {member}", err=True)
 
 

@@ -1,5 +1,6 @@
 """How a command ends: one sentence per mistake, advice on how to resume, warnings on one line."""
 
+import io
 import os
 import shlex
 import signal
@@ -45,15 +46,10 @@ class Commands(click.Group):
             code = EXIT_INTERRUPTED
         except click.ClickException as error:
             code = error.exit_code
-            say(*_usage(error), f"Error: {error.format_message()}", err=True)
+            lines = io.StringIO()
+            error.show(lines)
+            say(*lines.getvalue().removesuffix("\n").split("\n"), err=True)
         sys.exit(code)
-
-
-def _usage(error: click.ClickException) -> list[str]:
-    """The usage lines of a usage error."""
-    if not isinstance(error, click.UsageError) or error.ctx is None:
-        return []
-    return [*error.ctx.get_usage().split("\n"), f"Try '{error.ctx.command_path} --help' for help.", ""]
 
 
 class Terminated(KeyboardInterrupt):

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_INCHES = {"mm": 1 / 25.4, "cm": 1 / 2.54, "in": 1.0}
-_WIDTHS = 1.5, 20.0  # allowed range in inches
+_WIDTHS = 40.0, 500.0  # allowed range in mm
 
 
 class _Asked(NamedTuple):
@@ -169,14 +168,10 @@ def _target(out: Path | None, format: str | None) -> tuple[Path | None, str]:
 def _inches(width: str | None) -> float | None:
     if width is None:
         return None
-    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in)\s*", width)
-    if found is None:
-        raise InputError(f"--width {width}: give a length with its unit, such as 84mm, 17.4cm or 6.8in")
-    inches = float(found[1]) * _INCHES[found[2]]
-    if not _WIDTHS[0] <= inches <= _WIDTHS[1]:
-        low, high = (f"{limit / _INCHES[found[2]]:.3g}" for limit in _WIDTHS)
-        raise InputError(f"--width {width}: give {low} to {high} {found[2]}")
-    return inches
+    found = re.fullmatch(r"(\d+\.?\d*)\s*mm", width.strip())
+    if found is None or not _WIDTHS[0] <= float(found[1]) <= _WIDTHS[1]:
+        raise InputError(f"--width {width}: give {_WIDTHS[0]:g} to {_WIDTHS[1]:g} mm with the unit, such as 84mm")
+    return float(found[1]) / 25.4
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:

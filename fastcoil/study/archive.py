@@ -19,7 +19,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import xarray as xr
 from pydantic import TypeAdapter
@@ -41,17 +41,6 @@ _KIND, _FORMAT, _CHECKSUM = "fastcoil archive", 1, "sha256"
 _LONGEST_NAME, _MOST_PARTS = 200, 30  # bytes of a part of a path; parts of a path
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first moment that a ZIP file can record
 _REGULAR = 0o100644 << 16
-_UNREADABLE = (
-    zipfile.BadZipFile,
-    KeyError,
-    ValueError,
-    NotImplementedError,
-    EOFError,
-    RuntimeError,
-    OSError,
-    FastcoilError,
-)
-"""What the library raises on bytes that are no ZIP file, and what is raised of what is in one."""
 
 
 @dataclass(frozen=True)
@@ -163,15 +152,10 @@ def _steps_up(name: str) -> int | None:
     return None if os.path.isabs(name) or ".." in parts[up:] else up
 
 
-class Packed(NamedTuple):
-    """What was written, and what it holds."""
-
-    path: Path
-    listing: Listing
-
-
-def pack(folder: Path, path: Path | None = None) -> Packed:
+def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
     """Write the finished study in a folder as one file; ``path``: FOLDER.zip beside the folder by default.
+
+    Returns the file and what it holds.
 
     Raises
     ------
@@ -224,7 +208,7 @@ def pack(folder: Path, path: Path | None = None) -> Packed:
                     )
 
     commit_written(path, write, check)
-    return Packed(path, listing)
+    return path, listing
 
 
 def _members(store: StudyFolder, ds: xr.Dataset, manifest: Manifest, inputs: Inputs) -> dict[str, bytes | Path]:
@@ -290,10 +274,12 @@ def archive_problems(path: Path) -> list[str]:
     with tempfile.TemporaryDirectory(prefix="fastcoil-") as place:
         try:
             wrong = _problems(path, Path(place))
-        except _UNREADABLE as error:
-            if isinstance(error, StorageError):
-                raise
-            wrong = str(error).splitlines() if isinstance(error, FastcoilError) else [f"is no archive ({error})"]
+        except StorageError:
+            raise
+        except FastcoilError as error:
+            wrong = str(error).splitlines()
+        except Exception as error:  # the library raises many kinds where the bytes are no ZIP file
+            wrong = [f"is no archive ({error})"]
         return [f"{path}: {problem.replace(place, str(path))}" for problem in wrong]
 
 

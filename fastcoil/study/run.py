@@ -1,6 +1,5 @@
 """Run a study file into a folder: decide what is left to do, run it, merge it."""
 
-import difflib
 import json
 import time
 import warnings
@@ -34,8 +33,6 @@ from fastcoil.study.workers.dispatch import run_shards
 from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool
 from fastcoil.study.workers.user_code import load, load_rules
 from fastcoil.study.workers.worker import Job
-
-_LONGEST_DIFFERENCE = 10  # lines
 
 
 @dataclass(frozen=True)
@@ -326,28 +323,19 @@ def _warn_of_difference(folder: Path, environment: Environment, others: Sequence
 
 
 def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
-    """Refuse to replace the study in a folder by another one, and say in what they differ."""
+    """Refuse to replace the study in a folder by another one."""
     text = store.read_text()
     if text is None:
         raise IntegrityError(
             f"{store.path}: study.toml is missing or damaged, and the run in this folder was of another study: restore "
             "the file, or choose another folder with -o"
         )
-    changes = [
-        line
-        for line in difflib.unified_diff(text.splitlines(), study.text.splitlines(), lineterm="")
-        if line[:1] in "+-" and line[:3] not in ("+++", "---")
-    ]
-    if not changes:
+    if text.splitlines() == study.text.splitlines():
         raise IntegrityError(
             f"{store.path}: a file that the study reads changed since the run was started: restore it, or choose "
             "another folder with -o; if an extension of it was killed, add --extend to go on"
         )
-    shown = changes[:_LONGEST_DIFFERENCE] + ["…"] * (len(changes) > _LONGEST_DIFFERENCE)
     raise InputError(
-        [
-            f"{store.path} holds another study, or another version of this one: add --extend if only values were "
-            "added, otherwise choose another folder with -o.  The differences:",
-            *shown,
-        ]
+        f"{store.path} holds another study, or another version of this one (compare {store.study}): add --extend if "
+        "only values were added, otherwise choose another folder with -o"
     )

@@ -54,16 +54,16 @@ def test_it_holds_study_results_traces_and_hashes_and_nothing_of_its_author(out,
 
 def test_the_same_results_give_the_same_bytes_wherever_they_lie(out, tmp_path):
     copied(PLAIN, out)
-    first = pack(out).path.read_bytes()
+    first = pack(out)[0].read_bytes()
     other = tmp_path / "elsewhere" / "out"
     other.parent.mkdir()
     shutil.copytree(out, other)
-    assert pack(other, tmp_path / "two.zip").path.read_bytes() == first
+    assert pack(other, tmp_path / "two.zip")[0].read_bytes() == first
 
 
 def test_it_is_accepted_elsewhere_and_what_is_unpacked_verifies_reruns_and_reports(out, tmp_path):
     copied(TRACED, out)
-    path = pack(out, tmp_path / "given.zip").path
+    path = pack(out, tmp_path / "given.zip")[0]
     shutil.rmtree(out)
     (tmp_path / "study.toml").unlink()
     before = path.read_bytes()
@@ -200,7 +200,7 @@ def test_a_folder_with_an_odd_name_keeps_it_and_one_without_a_study_is_told_so(o
     copied(PLAIN, out)
     odd = out.rename(tmp_path / "north & <1>")
     (tmp_path / "study.zip").write_text("another")
-    assert pack(odd).path == tmp_path / "north & <1>.zip"
+    assert pack(odd)[0] == tmp_path / "north & <1>.zip"
     assert (tmp_path / "study.zip").read_text() == "another"
     assert fastcoil("verify", tmp_path / "north & <1>.zip").exit_code == 0
     (tmp_path / "none.zip").write_text("")
@@ -210,7 +210,7 @@ def test_a_folder_with_an_odd_name_keeps_it_and_one_without_a_study_is_told_so(o
 @pytest.mark.parametrize("command", ["report", "plot", "cite", "status", "archive", ("rerun", "--at", AT), "export"])
 def test_where_a_folder_is_wanted_an_archive_is_to_be_unpacked_first(out, tmp_path, command):
     copied(PLAIN, out)
-    path = pack(out, tmp_path / "given.zip").path
+    path = pack(out, tmp_path / "given.zip")[0]
     name, *options = [command] if isinstance(command, str) else command
     done = fastcoil(name, path, *options, *(["--csv"] if name == "export" else []))
     assert done.exit_code == 2

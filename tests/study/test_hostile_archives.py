@@ -25,7 +25,7 @@ def sound(tmp_path_factory):
     """The bytes of a sound archive of the folder ``out``."""
     folder = tmp_path_factory.mktemp("author") / "out"
     copied(PLAIN, folder)
-    return pack(folder).path.read_bytes()
+    return pack(folder)[0].read_bytes()
 
 
 @pytest.fixture
