@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 from numba import types
+from numba.core.dispatcher import Dispatcher
 
 from fastcoil.base.errors import InputError, shown
 from fastcoil.model.numerics.jit import JIT_ENABLED, exact
 
-_MODULES = (math, np)
-"""Modules that a function may use as they are: their attributes do not change."""
-_BUILTINS = (int, float, bool, abs, min, max, round, range, len)
+_AS_IT_IS = (math, np, int, float, bool, abs, min, max, round, range, len)
+"""What a function may use besides its own: nobody changes the attributes of the modules."""
 _HEADING = ("Failed in ", "During: ")
 _LEAST, _MOST = -(2**63), 2**64 - 1
 """Whole numbers of the machine."""
@@ -42,10 +42,8 @@ class UserFunction:
 
     def __init__(self, name: str, function: Any, memory: Any) -> None:
         self._name, self._memory = name, memory
-        self._found: dict[int, Any] = {}
-        self._kept: list[Any] = []  # what a number in _found stands for must live as long
+        self._found: dict[int, tuple[Any, Any]] = {}  # id → what has it, so that it lives as long, and what it becomes
         self._digest = hashlib.sha256()
-        self._table = ""
         self.function = exact(self._ready(function))
         self.sha256 = self._digest.hexdigest()
 
@@ -69,7 +67,8 @@ class UserFunction:
         compiled = self.function.overloads[arguments]
         returned: Any = compiled.signature.return_type
         is_pair = isinstance(returned, types.BaseTuple) and len(returned) == 2
-        if not is_pair or not _is_number(returned[0]) or returned[1] != arguments[2]:
+        is_number = is_pair and isinstance(returned[0], (types.Float, types.Integer, types.Boolean))
+        if not is_number or returned[1] != arguments[2]:
             memory = self._memory.__name__
             raise InputError(f"{self._name}: return a number and {memory}(…) with a number for each field")
         self._check_machine_code(compiled)
@@ -92,15 +91,19 @@ class UserFunction:
     def _ready(self, function: Any) -> Any:
         """The function with its helpers compiled, too, and with nothing else of its module."""
         code = function.__code__
-        self._note(*_words(code))
-        given = function.__defaults__ or ()
-        named = code.co_varnames[code.co_argcount - len(given) : code.co_argcount]
-        for place, default in {**dict(zip(named, given, strict=True)), **(function.__kwdefaults__ or {})}.items():
+        defaults = function.__defaults__ or ()
+        for place, default in zip(code.co_varnames[code.co_argcount - len(defaults) :], defaults, strict=False):
             self._value(place, default)
-        if any(isinstance(constant, bytes) for constant in _constants(code)):  # nobody looks at their indices
-            raise self._refused("uses bytes")
+        names = set()
+        for part in _parts(code):
+            constants = [constant for constant in part.co_consts if not isinstance(constant, CodeType)]
+            if any(isinstance(constant, bytes) for constant in constants):  # nobody looks at their indices
+                raise self._refused("uses bytes")
+            self._note(part.co_code.hex(), repr((part.co_names, part.co_varnames, part.co_freevars, part.co_cellvars)))
+            self._note(*map(_exactly, constants))
+            names |= {i.argval for i in dis.get_instructions(part) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
         scope = {"__name__": __name__, "__builtins__": __builtins__}
-        for name in sorted(_names(code) & function.__globals__.keys()):
+        for name in sorted(names & function.__globals__.keys()):
             scope[name] = self._value(name, function.__globals__[name])
         cells = []
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
@@ -109,9 +112,7 @@ class UserFunction:
             except ValueError:
                 raise self._refused(f"uses {name}, which has no value yet") from None
             cells.append(CellType(self._value(name, content)))
-        ready = FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
-        ready.__kwdefaults__ = function.__kwdefaults__
-        return ready
+        return FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
 
     def _value(self, name: str, value: Any) -> Any:
         """What a name of the user's module stands for, as the compiler takes it."""
@@ -121,28 +122,25 @@ class UserFunction:
             return value
         if id(value) in self._found:
             self._note(f"known {list(self._found).index(id(value))}")
-            if self._found[id(value)] is None:
+            made = self._found[id(value)][1]
+            if made is None:
                 raise self._refused(f"uses {name}, which calls itself")
-            return self._found[id(value)]
-        python = _python_of(value)
-        if python is not None:
-            self._found[id(value)] = None
-            self._kept.append(value)
+            return made
+        python = value.py_func if isinstance(value, Dispatcher) else value
+        if isinstance(python, FunctionType):
+            self._found[id(value)] = value, None
             made = exact(self._ready(python))
         elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_field_defaults"):
             named: Any = value
             defaults = (f"{n} {_exactly(default)}" for n, default in named._field_defaults.items())
             self._note(named.__name__, *named._fields, *defaults)
             made = _maker(value) if value is self._memory else value
-        elif any(value is module for module in _MODULES):
+        elif any(value is known for known in _AS_IT_IS):
             self._note(value.__name__)
-            made = value
-        elif any(value is builtin for builtin in _BUILTINS):
             made = value
         else:
             raise self._refused(f"uses {name}, {shown(value)}")
-        self._found[id(value)] = made
-        self._kept.append(value)
+        self._found[id(value)] = value, made
         return made
 
     def _note(self, *words: str) -> None:
@@ -150,27 +148,12 @@ class UserFunction:
             self._digest.update(f"{len(word)} {word}\n".encode())
 
 
-def _names(code: CodeType) -> set[str]:
-    """Names that a function looks up in its module, its inner functions included; not the attributes of what it has."""
-    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    own = {str(i.argval) for i in dis.get_instructions(code) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
-    return own.union(*map(_names, inner))
-
-
-def _words(code: CodeType) -> Iterator[str]:
-    """All that a piece of code does, but not where it stands."""
-    yield from (code.co_code.hex(), repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)))
+def _parts(code: CodeType) -> Iterator[CodeType]:
+    """The code of a function and of those that are written inside it."""
+    yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _words(constant)
-        else:
-            yield _exactly(constant)
-
-
-def _constants(code: CodeType) -> Iterator[object]:
-    """Those of a function, its inner functions included."""
-    for constant in code.co_consts:
-        yield from _constants(constant) if isinstance(constant, CodeType) else [constant]
+            yield from _parts(constant)
 
 
 def _exactly(constant: Any) -> str:
@@ -186,15 +169,6 @@ def _exactly(constant: Any) -> str:
     return f"{kind} {float.__repr__(constant) if isinstance(constant, float) else repr(constant)}"
 
 
-def _python_of(value: Any) -> FunctionType | None:
-    """The Python of a function, compiled or not; ``None`` for anything else."""
-    try:
-        python = getattr(value, "py_func", value)
-    except Exception:  # an object of the user may raise anything
-        python = value
-    return python if isinstance(python, FunctionType) else None
-
-
 def _is_constant(value: Any) -> bool:
     if isinstance(value, tuple):
         return all(map(_is_constant, value))
@@ -205,10 +179,6 @@ def _is_constant(value: Any) -> bool:
 
 def _size(constant: Any) -> int:
     return sum(map(_size, constant)) if isinstance(constant, tuple) else 1
-
-
-def _is_number(kind: Any) -> bool:
-    return isinstance(kind, (types.Float, types.Integer, types.Boolean))
 
 
 def _place_and_reason(error: Exception) -> str:
