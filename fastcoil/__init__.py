@@ -24,10 +24,9 @@ if TYPE_CHECKING:
     from fastcoil.deliver.report.report import report as report
     from fastcoil.deliver.report.survey import survey as survey
     from fastcoil.design.explain import explain as explain
-    from fastcoil.design.frequency_figures import bode as bode
-    from fastcoil.design.frequency_figures import nyquist as nyquist
     from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
     from fastcoil.design.linearise import linearise as linearise
+    from fastcoil.design.nyquist_figure import nyquist as nyquist
     from fastcoil.design.tune import tune as tune
     from fastcoil.loops.boundary import Boundary as Boundary
     from fastcoil.loops.boundary.days import constant_day as constant_day
@@ -62,7 +61,6 @@ _HOME = {
     "LockedError": "base.errors",
     "Loop": "loops.loop",
     "StorageError": "base.errors",
-    "bode": "design.frequency_figures",
     "compare": "study.analysis.compare",
     "constant_day": "loops.boundary.days",
     "cost": "study.analysis.cost",
@@ -78,7 +76,7 @@ _HOME = {
     "law": "model.user_rules",
     "limit_cycle": "design.limit_cycle",
     "linearise": "design.linearise",
-    "nyquist": "design.frequency_figures",
+    "nyquist": "design.nyquist_figure",
     "open_study": "study.folder.results",
     "paper_day": "loops.boundary.days",
     "parameter": "model.user_rules",

@@ -61,13 +61,10 @@ CHOSEN, FIGURE = "tuning.toml", "tuning"
 def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -> None:
     """Tune kp, ti and other settings for all valves and days of a STUDY file, and validate them on others.
 
-    The table [tune] of the study file defines the search, the objective and the limits.  An interrupted search is
-    resumed.
+    The table [tune] of the study file defines the search, the objective and the limits.
     """
     from fastcoil.base.figures import write
-    from fastcoil.base.files import exists
     from fastcoil.base.progress import progress_of_command
-    from fastcoil.design.search import KEPT
     from fastcoil.design.tune import in_scenario_days, run_tuning
     from fastcoil.loops.simulate import workers
     from fastcoil.study.file.spec import read_study
@@ -82,10 +79,8 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
         )
     announce_compilation()
     with interruptible(study, folder, "tune"), hold(folder):
-        if exists(folder / KEPT):
-            say(f"{folder / KEPT} holds tunings of an earlier search: they are not run again.", err=True)
         with progress_of_command() as shown:
-            found = run_tuning(asked._replace(n_jobs=n_jobs), folder / KEPT, in_scenario_days(asked, shown))
+            found = run_tuning(asked._replace(n_jobs=n_jobs), in_scenario_days(asked, shown))
         say(*found.summary(), "")
         path = folder / CHOSEN
         found.to_toml(path)

@@ -59,11 +59,10 @@ class Terminated(KeyboardInterrupt):
 @contextmanager
 def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None]:
     """Handle SIGTERM and SIGHUP like Ctrl-C, print how to resume, and end within a few seconds."""
-    kept = "finished scenarios are" if verb == "run" else "what was tried is"
     command = shlex.join(["fastcoil", verb, str(study), "-o", str(folder)])
 
     def advice() -> str:
-        return f"; {kept} kept, to resume: {command}" if (folder / f"{verb}.json").exists() else ""
+        return f"; finished scenarios are kept, to resume: {command}" if (folder / f"{verb}.json").exists() else ""
 
     def give_up(code: int) -> None:
         say(f"fastcoil: interrupted{advice()}", err=True)

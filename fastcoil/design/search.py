@@ -3,79 +3,15 @@
 Storn and Price (1997), doi:10.1023/A:1008202821328: a trial point is the best one plus a scaled difference of two
 others, mixed with the point that it may replace.  Of two points the one that breaks the limits less is better, then the
 one with the lower goal: Deb (2000), doi:10.1016/S0045-7825(99)00389-8.  SciPy's has the same idea; here the way taken
-depends on numpy's random numbers alone, so that a search resumed with another SciPy repeats it.
-
-Each tuning is simulated once, and a file keeps its measures: a search that was killed is repeated from the file at no
-cost up to where it was, and goes on to the same answer.
+depends on numpy's random numbers alone, so that another SciPy repeats it.
 """
 
-import json
-import math
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.base.files import commit, exists, read_bytes, storage_errors
-
-KEPT = "tune.json"
-"""Name of the file in the folder of a tuning."""
-_KIND, _FORMAT = "fastcoil tuning", 1
-_LARGEST = 2**28  # bytes
-
-
-class Archive:
-    """Tunings by their values, in the order in which they were tried, with their measures.
-
-    parameters, measures: names of the columns.  key: see ``tuning_plan.key_of``.  path: file that keeps them, if any.
-    """
-
-    def __init__(self, parameters: Sequence[str], measures: Sequence[str], key: str, path: Path | None) -> None:
-        self._head: dict[str, Any] = {"kind": _KIND, "format": _FORMAT, "key": key}
-        self._head |= {"parameters": list(parameters), "measures": list(measures)}
-        self._measures, self._path, d = measures, path, len(parameters)
-        kept = _read(path, key, d + len(measures)) if path is not None and exists(path) else []
-        self._found = {tuple(row[:d]): tuple(row[d:]) for row in kept}
-
-    def evaluated(self, values: Array, measure: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """The measures (n,) of tunings (n, d); ``measure`` computes those of tunings that are new."""
-        rows = [tuple(row) for row in values.tolist()]
-        new = list(dict.fromkeys(row for row in rows if row not in self._found))
-        if new:
-            found = measure(np.array(new))
-            self._found |= zip(new, zip(*(found[name].tolist() for name in self._measures), strict=True), strict=True)
-            if self._path is not None:
-                tried = [[*row, *(v if math.isfinite(v) else None for v in of)] for row, of in self._found.items()]
-                commit(self._path, json.dumps(self._head | {"tried": tried}).encode())
-        return self.table(rows)[1]
-
-    def table(self, rows: Iterable[tuple[float, ...]]) -> tuple[Array, dict[str, Array]]:
-        """Values (n, d) and measures (n,) of tunings that were tried."""
-        rows = list(rows)
-        table = np.array([self._found[row] for row in rows])
-        return np.array(rows), {name: table[:, k] for k, name in enumerate(self._measures)}
-
-
-def _read(path: Path, key: str, width: int) -> list[list[float]]:
-    """The rows of a file, refused if it is another tuning's, or damaged."""
-    try:
-        with storage_errors(path, "read"):
-            kept = json.loads(read_bytes(path, _LARGEST))
-        is_sound, is_ours = (kept["kind"], kept["format"]) == (_KIND, _FORMAT), kept["key"] == key
-        rows = [[math.inf if value is None else float(value) for value in row] for row in kept["tried"]]
-    except (ValueError, TypeError, KeyError):
-        is_sound = False
-    if is_sound and not is_ours:
-        raise InputError(
-            f"{path} keeps tunings of other valves, days, measures or another model: choose another file or folder, or "
-            "delete it"
-        )
-    if not is_sound or any(len(row) != width for row in rows):
-        raise IntegrityError(f"{path} is no file of tunings, or damaged: delete it, or give another one")
-    return rows
 
 
 class Scores(NamedTuple):

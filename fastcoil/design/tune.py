@@ -1,19 +1,17 @@
 """``tune``: settings of a controller for a population of valves and days, tried on others."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, path_of
+from fastcoil.base.arguments import checking, flag_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import may_be_file
+from fastcoil.base.errors import InputError
 from fastcoil.base.progress import Shown, progress_of_call
 from fastcoil.design.measures import resolved, violation, with_intervals
-from fastcoil.design.search import Archive, Scores, best, evolve, on_front
+from fastcoil.design.search import Scores, best, evolve, on_front
 from fastcoil.design.tuning_plan import (
     EVALUATIONS,
     OBJECTIVE,
@@ -21,7 +19,6 @@ from fastcoil.design.tuning_plan import (
     Asked,
     Group,
     as_it_is,
-    key_of,
     measured,
     own_gains,
     plan_tuning,
@@ -53,7 +50,6 @@ def tune(
     seed: int = 0,
     replicates: int = 1,
     n_jobs: int | None = None,
-    kept: str | Path | None = None,
     progress: bool | Report | None = None,
 ) -> Tuning:
     """Choose settings of a controller for all valves of ``loop`` on all days of ``boundary``, and try them on others.
@@ -87,9 +83,6 @@ def tune(
         Of the measurement noise, of the valves that are set aside, and of the search.
     n_jobs
         Threads; all cores by default.  The result does not depend on it.
-    kept
-        File that keeps every tuning that was tried, written after each generation; a search that was interrupted goes
-        on from there, to the same result.
     progress
         As in ``simulate``; or a function that is called after each generation with how many tunings were tried, and
         of how many.
@@ -106,20 +99,17 @@ def tune(
     """
     with checking() as check:
         n_threads = check(workers, n_jobs)
-        path = check.unless_none(path_of, "kept", kept, "give the path of a file")
         if not callable(progress):
             progress = check.unless_none(flag_of, "progress", progress)
         asked = check(
             plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
             holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
         )  # fmt: skip
-        if path is not None and not may_be_file(path):
-            check.problems.append(f"kept = {shown(str(path))}: give a file in a folder that exists")
     asked = asked._replace(n_jobs=n_threads)
     if callable(progress):
-        return run_tuning(asked, path, progress)
+        return run_tuning(asked, progress)
     with progress_of_call(progress) as on_show:
-        return run_tuning(asked, path, in_scenario_days(asked, on_show))
+        return run_tuning(asked, in_scenario_days(asked, on_show))
 
 
 def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
@@ -135,26 +125,33 @@ def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
     return report
 
 
-def run_tuning(asked: Asked, path: Path | None = None, progress: Report | None = None) -> Tuning:
+def run_tuning(asked: Asked, progress: Report | None = None) -> Tuning:
     """Search, choose, and try the choice on the hold-out."""
     measures, training = asked.measures, asked.training
     asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(asked, training), measures)))
-    archive = Archive(asked.names, [measure.name for measure in measures], key_of(asked), path)
-    seen: dict[tuple[float, ...], None] = {}
+    known: dict[tuple[float, ...], tuple[float, ...]] = {}  # each tuning is simulated once
     done = 0
+
+    def table(rows: list[tuple[float, ...]]) -> dict[str, Array]:
+        columns = np.array([known[row] for row in rows]).T
+        return dict(zip([measure.name for measure in measures], columns, strict=True))
 
     def scored(points: Array) -> Scores:
         nonlocal done
-        values = asked.values(points)
-        found = archive.evaluated(values, lambda new: measured(tried(asked, training, new), measures))
-        seen.update(dict.fromkeys(map(tuple, values.tolist())))
+        rows = [tuple(row) for row in asked.values(points).tolist()]
+        new = list(dict.fromkeys(row for row in rows if row not in known))
+        if new:
+            of_new = measured(tried(asked, training, np.array(new)), measures)
+            known.update(
+                zip(new, zip(*(of_new[measure.name].tolist() for measure in measures), strict=True), strict=True)
+            )
         done += len(points)
         if progress is not None:
             progress(done, asked.planned)
-        return scores_of(asked, found)
+        return scores_of(asked, table(rows))
 
     evolve(scored, _beginning(asked), len(asked.axes), asked.evaluations, asked.seed)
-    values, found = archive.table(seen)
+    values, found = np.array(list(known)), table(list(known))
     scores = scores_of(asked, found)
     at = best(scores)
     if not np.isfinite(scores.goal[at]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,12 +25,11 @@ from fastcoil.design.plants import Columns, Plants
 from fastcoil.design.search import effort
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes
-from fastcoil.loops.loop import Loop, words_used
+from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import RUN_LIMITS, plan_simulation
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.loops.simulate import simulate
 from fastcoil.model.metric_table import WARM_UP
-from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.model.parameter_table import Parameter, check_name
 
 _GROUPS = ("controller", "inverse", "estimator", "learner", "hagglund", "gradient", "identify")
@@ -412,19 +410,3 @@ def _cases(asked: Asked, group: Group, loop: Loop) -> dict[str, Array]:
 def measured(cases: Mapping[str, Array], measures: Sequence[Measure]) -> dict[str, Array]:
     """The measures (n,) from metrics of all cases (n, …)."""
     return {m.name: m.of(cases[m.metric].reshape(len(cases[m.metric]), -1)) for m in measures}
-
-
-def key_of(asked: Asked) -> str:
-    """Hash of everything that decides what is measured of a tuning: the model, the valves, the days, the noise."""
-    (loop, boundary, _), names = asked.training, asked.names
-    digest = hashlib.sha256(model_sha256(frozenset(words_used(loop, "estimator"))).encode())
-    known = {name: value for name, value in loop.constants.items() if name not in names}
-    parts = [json.dumps(known), boundary.sha256, json.dumps([asked.warm_up, asked.seed, asked.replicates])]
-    parts += [json.dumps([measure.name for measure in asked.measures]), json.dumps(names)]
-    parts += [theory_sha256() for measure in asked.measures if measure.metric == MARGIN]
-    parts += [rule.code_sha256 for rule in loop.rules.values()]
-    digest.update("\0".join(parts).encode())
-    for name, value in loop.swept.items():
-        if name not in names:
-            digest.update(f"{name}{value.values.tolist()}".encode())
-    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Bode and Nyquist plots: the curves are L, the marks are the margins."""
+"""The Nyquist plot: the thick curves are L, the thin ones -1/N, the dots the cycles."""
 
 import numpy as np
 import pytest
@@ -20,18 +20,16 @@ def loops():
     return fc.Loop.preset("lbnl").assign(ti=[10.0, 30.0, 100.0])
 
 
-@pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
-def test_a_figure_is_readable(draw, loops, day):
+def test_a_figure_is_readable(loops, day):
     for loop in (loops, fc.Loop(backlash=0.0)):
-        figure = draw(loop, day)
+        figure = fc.nyquist(loop, day)
         assert_texts_fit(figure)
         assert_palette(figure)
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
-def test_a_set_point_out_of_reach_and_a_gain_of_0_are_drawn_and_named(draw):
-    figure = draw(fc.Loop.preset("lbnl").assign(kp=[0.0, 0.02]), fc.constant_day(1.0, T_set=2.0))
+def test_a_set_point_out_of_reach_and_a_gain_of_0_are_drawn_and_named():
+    figure = fc.nyquist(fc.Loop.preset("lbnl").assign(kp=[0.0, 0.02]), fc.constant_day(1.0, T_set=2.0))
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert len(words) == 2
     assert all("set-point out of reach" in one for one in words)
@@ -39,28 +37,6 @@ def test_a_set_point_out_of_reach_and_a_gain_of_0_are_drawn_and_named(draw):
 
 def curves(axes):
     return [line.get_xydata() for line in axes.lines if len(line.get_xydata()) > 1000]
-
-
-def test_bode_shows_the_margins_of_linearise(loops, day):
-    figure = fc.bode(loops, day)
-    size, phase = figure.axes
-    w = np.array([0.005, 0.02, 0.08])
-    linear = fc.linearise(loops, day, frequency=w)
-    for k, (sizes, phases) in enumerate(zip(curves(size), curves(phase), strict=True)):
-        one = linear.isel(ti=k)
-        np.testing.assert_allclose(
-            np.exp(np.interp(w, sizes[:, 0], np.log(sizes[:, 1]))), one.loop_magnitude, rtol=1e-3
-        )
-        np.testing.assert_allclose(np.interp(w, phases[:, 0], phases[:, 1]), one.loop_phase, atol=0.1)
-    texts = [text.get_text() for text in size.get_legend().get_texts()]
-    assert texts[0] == (
-        f"integral time Ti = 10 s: gain margin {float(linear.gain_margin[0]):.2g}, "
-        f"phase margin {float(linear.phase_margin[0]):.0f}°"
-    )
-    marks = [line.get_xydata() for line in size.lines if line.get_marker() == "o"]
-    np.testing.assert_allclose([1.0 / mark[0, 1] for mark in marks], linear.gain_margin, rtol=0.01)
-    marks = [line.get_xydata() for line in phase.lines if line.get_marker() == "o"]
-    np.testing.assert_allclose([mark[0, 1] + 180.0 for mark in marks], linear.phase_margin, atol=0.3)
 
 
 def complex_of(line):
@@ -96,6 +72,7 @@ def test_without_a_gap_minus_1_over_N_begins_at_minus_1(day):
     assert minus_1_over_N[0] == pytest.approx(-1.0, abs=0.05)
 
 
-@pytest.mark.parametrize("draw", [fc.bode, fc.nyquist])
-def test_more_loops_than_colours_are_refused(draw, day):
-    assert problems(draw, fc.Loop(kp=[0.01, 0.02, 0.03, 0.04]), day) == ["4 loops: a figure shows up to 3, select some"]
+def test_more_loops_than_colours_are_refused(day):
+    assert problems(fc.nyquist, fc.Loop(kp=[0.01, 0.02, 0.03, 0.04]), day) == [
+        "4 loops: a figure shows up to 3, select some"
+    ]

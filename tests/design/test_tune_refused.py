@@ -66,7 +66,6 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
         ({"evaluations": 0}, "evaluations = 0"),
         ({"n_jobs": 0}, "n_jobs = 0"),
         ({"progress": 3}, "progress = 3: give True or False"),
-        ({"kept": "no/such/folder/tune.json"}, "give a file in a folder that exists"),
         ({"warm_up": 9999}, "nothing is left to count"),
     ],
 )

@@ -149,7 +149,6 @@ def base_calls(tmp_path_factory):
         "Loop.assign": (fc.Loop(kp=[0.01, 0.02]).assign, {}),
         "Loop.from_dataset": (fc.Loop.from_dataset, {"ds": ds}),
         "Loop.preset": (fc.Loop.preset, {"name": "lbnl"}),
-        "bode": (fc.bode, {"loop": loop, "boundary": day, "at": 10}),
         "compare": (fc.compare, {"ds": ds, "baseline": {"backlash": 0.02}, "over": "replicate"}),
         "constant_day": (fc.constant_day, days),
         "cost": (fc.cost, {"ds": dated, "electricity": 0.2, "demand": 12.0, "heat": 0.05}),

@@ -9,7 +9,6 @@ from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, WrongType
 from fastcoil.base.files import exists, is_folder
 from fastcoil.deliver.report.page import Page, require_page
-from fastcoil.design.search import KEPT
 from fastcoil.study.folder.folder import require_no_archive
 from fastcoil.study.folder.manifest import MANIFEST
 from fastcoil.study.folder.result_files import RESULTS
@@ -73,9 +72,4 @@ def _require_folder(folder: Path) -> None:
         raise InputError(f"{folder} is no folder: {_CURE}")
     if any(exists(folder / name) for name in (MANIFEST, RESULTS)):
         return
-    if exists(folder / KEPT):
-        raise InputError(
-            f"{folder} holds a tuning: `fastcoil tune STUDY.toml -o {folder} --report tuning.html` reports it without "
-            "trying anything again"
-        )
     raise InputError(f"{folder} holds no study: {_CURE}")

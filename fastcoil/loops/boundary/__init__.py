@@ -2,7 +2,7 @@
 
 Read ``series`` (what a user may give), ``samples`` (a Dataset of all days, makers of days, digests) and ``record``
 (``Boundary``) first.  ``days``, ``weather`` and ``weather_year`` make boundaries; ``air_handler`` stands in for a
-building; ``weather_files`` reads files; ``display`` shows a boundary.
+building; ``weather_files`` reads files.
 """
 
 from fastcoil.loops.boundary.record import Boundary as Boundary

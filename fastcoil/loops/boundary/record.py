@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,7 +19,6 @@ from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.boundary.clock import Clock, clock_of
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
-from fastcoil.loops.boundary.display import draw, text_of
 from fastcoil.loops.boundary.samples import (
     Maker,
     Samples,
@@ -40,9 +39,7 @@ from fastcoil.loops.boundary.series import (
     warn_of_stops,
 )
 from fastcoil.loops.labelled import Course
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from fastcoil.loops.labels import unit_in_words
 
 _OF_A_LOG = Wanted(
     needed=("m_a", "T_a_in", HUMIDITIES, "T_w_in", "T_set"), optional=("noise", "enabled", "backlash_scale")
@@ -115,11 +112,7 @@ class Boundary(Samples):
         self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
 
     def __repr__(self) -> str:
-        return text_of(self)
-
-    def plot(self) -> Figure:
-        """Mean and range of the series of all days over time, as a matplotlib ``Figure``."""
-        return draw(self)
+        return _text_of(self)
 
     def assign(self, **changes: Values) -> Boundary:
         """A copy with other series, labels or clock, each given as to `Boundary`; None takes one back to its default.
@@ -361,3 +354,20 @@ def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[str]:
     labels, counts = np.unique(np.concatenate([one.day for one in boundaries]), return_counts=True)
     if counts.max() > 1:
         yield f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"
+
+
+def _text_of(days: Samples) -> str:
+    """For a terminal; a stream without known ranges shows how many days it has: making all takes too long."""
+    made = ", made day by day" if days.is_streamed else ""
+    if days.is_streamed and not days.is_surveyed:
+        return f"<fastcoil.Boundary {days.extent}{made}>"
+    lines = [
+        f"  {name:<14} {_range(name, *ends):<24} {BOUNDARY_SERIES[name].long_name}"
+        for name, ends in days.own_extremes.items()
+    ]
+    return "\n".join([f"<fastcoil.Boundary {days.extent}{made}, sha256 {days.sha256[:8]}>", *lines])
+
+
+def _range(name: str, low: float, high: float) -> str:
+    span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+    return f"{span} {unit_in_words(BOUNDARY_SERIES[name].unit)}".rstrip()

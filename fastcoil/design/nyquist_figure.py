@@ -1,4 +1,4 @@
-"""Bode and Nyquist plots of a loop: how near it is to swinging, without its gap and because of it."""
+"""The Nyquist plot of a loop: how near it is to swinging, without its gap and because of it."""
 
 from __future__ import annotations
 
@@ -10,22 +10,19 @@ import numpy as np
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.figures import COLOURS, DOTTED, FAINT, LINE_STYLES, apply_style, mark_logarithms, wrapped
+from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, apply_style, wrapped
 from fastcoil.design.describing_function import Elements, limited, swings_of
 from fastcoil.design.limit_cycle import MOST, cycles_of
-from fastcoil.design.linearise import margins_of
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import Columns, Complex, Plants, loop_response, plants_of
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
 _LOWEST, _FREQUENCIES = 1e-6, 4000  # of the curves, rad/s and number
-_HIGH, _LOW = 30.0, 0.01  # sizes of L between which a Bode plot shows it
 _REACH = 3.0  # A Nyquist plot shows this much of the plane to the left and below
 _READING = (
     "Thick: L. Thin: -1/N. A loop hunts where L reaches -1/N, or nearly. One dot: the cycle. Two dots: the frequency "
@@ -33,52 +30,6 @@ _READING = (
 )
 _AMPLITUDES, _SMALLEST = 400, 1e-3  # number of amplitudes, and least |N| that is drawn
 _WIDTH = 6.5  # inches
-
-
-@apply_style()
-def bode(loop: Loop, boundary: Boundary, *, at: Any = None) -> Figure:
-    """Draw magnitude and phase of the open loop L, with gain margin and phase margin.
-
-    Shaded is the phase at which a gap, which lags by up to 90°, can close the loop.  Up to three loops.
-
-    Parameters
-    ----------
-    loop, boundary, at
-        As for ``linearise``.
-
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake; for more loops than a figure shows.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(_WIDTH, 5.0), layout="constrained")
-    size, phase = figure.subplots(2, 1, sharex=True)
-    size.axhline(1.0, color="black", lw=0.8, ls=DOTTED)
-    phase.axhline(-180.0, color="black", lw=0.8, ls=DOTTED)
-    phase.axhspan(-180.0, -90.0, color=FAINT, lw=0)
-    deepest, shown = -200.0, []
-    for (words, columns, plant), colour, line in zip(_loops(loop, boundary, at), COLOURS, LINE_STYLES, strict=False):
-        w, L = _open_loop(columns, plant)
-        magnitude, degrees = np.abs(L), np.degrees(np.unwrap(np.angle(L)))
-        margins = margins_of(columns, plant)
-        label = f"{words}gain margin {margins.gain_margin[0]:.2g}, phase margin {margins.phase_margin[0]:.0f}°"
-        size.loglog(w, magnitude, color=colour, ls=line, label=label)
-        phase.semilogx(w, degrees, color=colour, ls=line)
-        _mark(size, w, degrees + 180.0, magnitude, 1.0, colour)
-        _mark(phase, w, 1.0 - magnitude, degrees, -180.0, colour)
-        deepest = min(deepest, float(degrees[magnitude > _LOW].min(initial=-180.0)))
-        shown += w[(magnitude < _HIGH) & (magnitude > _LOW)].tolist()
-    if shown:
-        size.set_xlim(min(shown), max(shown))
-    mark_logarithms(size.xaxis)
-    size.set(ylim=(_LOW, _HIGH), yticks=[0.01, 0.1, 1.0, 10.0], ylabel="|L|")
-    phase.set(ylim=(deepest - 10.0, -45.0), yticks=np.arange(-90.0, deepest - 10.0, -45.0))
-    phase.set(xlabel="angular frequency [rad/s]", ylabel="phase of L [°]")
-    size.legend(loc="lower left", frameon=False, handlelength=2.5)
-    phase.set_title("Shaded: where the lag of a gap, up to 90°, can close the loop", loc="left")
-    return figure
 
 
 @apply_style()
@@ -158,11 +109,3 @@ def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
     mean = elements.mean(amplitudes, swings)
     N = elements.describe(amplitudes, np.array(at), swings, limited(amplitudes, -mean, 1.0 - mean))[0]
     return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST])
-
-
-def _mark(axes: Axes, w: Array, crossing: Array, values: Array, level: float, colour: str) -> None:
-    """A line from a curve to a level where ``crossing`` first changes its sign: a margin."""
-    change = np.flatnonzero(crossing[:-1] * crossing[1:] < 0.0)
-    if change.size:
-        k = change[0]
-        axes.plot([w[k], w[k]], [values[k], level], color=colour, lw=0.8, marker="o", ms=3.5)
