@@ -92,7 +92,6 @@ def archive(folder: Path, out: Path | None) -> None:
 @click.argument("path", type=PATH)
 @click.option("--language", help="Language of the controller: c, st or python.  [default: c]")
 @click.option("--csv", is_flag=True, help="A row for each scenario-day.")
-@click.option("--parquet", is_flag=True, help="The same as Parquet; needs pyarrow.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
 @click.option("-o", "--out", type=PATH, metavar="FILE", help="File to write; NAME with its suffix here by default.")
@@ -100,7 +99,6 @@ def export(
     path: Path,
     language: str | None,
     csv: bool,
-    parquet: bool,
     metrics: tuple[str, ...],
     at: tuple[str, ...],
     out: Path | None,
@@ -115,7 +113,7 @@ def export(
       fastcoil export results/study --csv               study.csv, a row for each scenario-day
     """  # noqa: D301 — click reads the backspace
     if path.suffix == ".toml" and not is_folder(path):
-        options = {"--csv": csv, "--parquet": parquet, "--metric": metrics, "--at": at}
+        options = {"--csv": csv, "--metric": metrics, "--at": at}
         tables = [option for option, given in options.items() if given]
         if tables:
             raise InputError(
@@ -127,9 +125,9 @@ def export(
             raise InputError(
                 f"--language: for the controller of a TOML file, and {path} is none: leave it out, or give one"
             )
-        if csv == parquet:
-            raise InputError("give one of --csv and --parquet, or a TOML file whose controller is exported")
-        export_table(path, "csv" if csv else "parquet", metrics, at, out)
+        if not csv:
+            raise InputError("give --csv, or a TOML file whose controller is exported")
+        export_table(path, metrics, at, out)
 
 
 def export_code(path: Path, language: str | None, out: Path | None) -> None:
@@ -147,17 +145,17 @@ def export_code(path: Path, language: str | None, out: Path | None) -> None:
         say(f"Written: {written}")
 
 
-_SAID_WITHIN = 2**16  # bytes searched for the version at the start of a text file and at the end of a Parquet file
+_SAID_WITHIN = 2**16  # bytes searched for the version at the start of a file
 
 
-def export_table(path: Path, format: str, metrics: tuple[str, ...], at: Sequence[str], out: Path | None) -> None:
+def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: Path | None) -> None:
     """Write the results at ``path``, the folder of a study or a NetCDF file, as a table."""
-    from fastcoil.deliver.tables import Tidy, check_metrics, write_csv, write_parquet
+    from fastcoil.deliver.tables import Tidy, check_metrics, write_csv
     from fastcoil.study.analysis.selected import in_words, selected
     from fastcoil.study.folder.results import open_results
 
     labels = all_labels_of("--at", at)
-    target = _target(path, f".{format}", out)
+    target = _target(path, ".csv", out)
     ds = open_results(path)
     with checking() as check:
         check(check_metrics, ds, metrics)
@@ -168,7 +166,7 @@ def export_table(path: Path, format: str, metrics: tuple[str, ...], at: Sequence
     if left:
         say(f"Unfinished: {left:,} of {part['status'].size:,} scenarios have not run (status not_run).", err=True)
     table = Tidy(part, metrics)
-    (write_csv if format == "csv" else write_parquet)(table, target)
+    write_csv(table, target)
     rows = f"{table.n_rows:,} scenario-day{'s' * (table.n_rows != 1)}"
     say(f"Written: {target} ({rows}, {len(table.columns)} columns)")
 
@@ -189,8 +187,6 @@ def _is_table_of_ours(path: Path) -> bool:
     """Whether a file names the version of fastcoil that wrote it; False if it cannot be read."""
     try:
         with path.open("rb") as file:
-            head = file.read(_SAID_WITHIN)
-            file.seek(max(0, file.seek(0, 2) - _SAID_WITHIN))
-            return b"fastcoil_version" in head + file.read()
+            return b"fastcoil_version" in file.read(_SAID_WITHIN)
     except OSError:
         return False

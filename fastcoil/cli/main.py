@@ -9,7 +9,7 @@ from fastcoil.cli.fit import fit
 from fastcoil.cli.interrupts import Commands
 from fastcoil.cli.logs import diagnose, join
 from fastcoil.cli.plot import plot
-from fastcoil.cli.study import init, parameters, plan, presets, rerun, run, schema, status, verify
+from fastcoil.cli.study import init, parameters, plan, presets, rerun, run, status, verify
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -27,6 +27,6 @@ def main() -> None:
 
 for command in (
     *(archive, cite, diagnose, explain, explore, export, fit, init, join, parameters),
-    *(plan, plot, presets, report, rerun, run, schema, status, tune, verify),
+    *(plan, plot, presets, report, rerun, run, status, tune, verify),
 ):
     main.add_command(command)

@@ -196,13 +196,3 @@ def presets() -> None:
     from fastcoil.loops.presets import PRESETS
 
     say(*repr(PRESETS).split("\n"))
-
-
-@click.command()
-def schema() -> None:
-    """Print the JSON Schema of study files, for completion and checks in TOML editors."""
-    import json
-
-    from fastcoil.study.file.schema import study_schema
-
-    say(*json.dumps(study_schema(), indent=2, ensure_ascii=False).split("\n"))

@@ -1,21 +1,20 @@
-"""Tables of a result: CSV and Parquet with a row for each scenario-day.
+"""Tables of a result: CSV with a row for each scenario-day.
 
-CSV says in comment lines of which study it is, and has units in the header; Parquet has them in its metadata.  Rows are
-made in pieces, so that a million of them need little memory.
+Comment lines say of which study it is, and the header has the units.  Rows are made in pieces, so that a million of
+them need little memory.
 """
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.errors import InputError, missing_extra, nearest, shown
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import commit_written
 from fastcoil.base.text import no_formula
 from fastcoil.model.metric_table import metric_meant
@@ -152,31 +151,3 @@ def _has_comment(table: Tidy) -> bool:
     """Whether a label has the sign that begins a comment."""
     texts = (v.values for v in table.ds.coords.values() if v.dtype.kind in "OU")
     return any(COMMENT in str(text) for values in texts for text in values.ravel())
-
-
-_MORE = ("parameters", "study_toml")  # attributes of a result, too long for other formats
-
-
-def write_parquet(table: Tidy, path: Path) -> None:
-    """Write a table as Parquet; words are categories."""
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise missing_extra("Parquet", "pyarrow", "parquet") from None
-
-    more = {name: str(table.ds.attrs[name]) for name in _MORE if name in table.ds.attrs}
-
-    def write(unfinished: Path) -> None:
-        pieces = table.pieces()
-        piece = next(pieces)
-        schema = pa.Schema.from_pandas(piece, preserve_index=False)
-        schema = schema.with_metadata({**(schema.metadata or {}), **facts_of(table.ds), **more})
-        for k, column in enumerate(table.columns):
-            known = {"units": column.unit, "long_name": column.meaning}
-            schema = schema.set(k, schema.field(k).with_metadata({name: text for name, text in known.items() if text}))
-        with parquet.ParquetWriter(unfinished, schema) as writer:
-            for each in chain([piece], pieces):
-                writer.write_table(pa.Table.from_pandas(each, schema, preserve_index=False))
-
-    commit_written(path, write)

@@ -45,9 +45,8 @@ def export(tmp_path, monkeypatch):
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("format", ["csv", "parquet"])
-def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, export, tmp_path, format):
-    words = (folder, f"--{format}", "--metric", "rmse")
+def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, export, tmp_path):
+    words = (folder, "--csv", "--metric", "rmse")
     for _ in range(2):
         assert export(*words).exit_code == 0
     (table,) = tmp_path.iterdir()
@@ -75,19 +74,18 @@ def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, export
 
 @pytest.mark.kernel
 def test_a_table_has_what_is_asked_for(folder, export, tmp_path):
-    result = export(folder, "--parquet", "--metric", "rmse", "--at", "day=2", "-o", tmp_path / "part.parquet")
+    result = export(folder, "--csv", "--metric", "rmse", "--at", "day=2", "-o", tmp_path / "part.csv")
     assert result.exit_code == 0, result.output
-    part = pd.read_parquet(tmp_path / "part.parquet")
-    assert list(part) == ["estimate_ratio", "sample", "kp", "day", "rmse", "status"]
-    np.testing.assert_array_equal(part.rmse, fc.open_study(folder).rmse.sel(day=2).values.ravel())
+    part = pd.read_csv(tmp_path / "part.csv", comment="#")
+    assert list(part) == ["estimate_ratio [1]", "sample", "kp [K-1]", "day", "rmse [K]", "status"]
+    np.testing.assert_array_equal(part["rmse [K]"], fc.open_study(folder).rmse.sel(day=2).values.ravel())
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ((), "give one of --csv and --parquet, or a TOML file whose controller is exported"),
-        (("--csv", "--parquet"), "give one of --csv and --parquet"),
+        ((), "give --csv, or a TOML file whose controller is exported"),
         (
             ("--csv", "-o", "results.nc"),
             "-o results.nc: give a file NAME.csv in a folder that exists",
@@ -141,14 +139,13 @@ def test_an_unfinished_study_says_how_much_is_missing(export, tmp_path, broken_o
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("format", ["csv", "parquet"])
-def test_a_million_rows_need_less_than_a_gibibyte(tmp_path, format):
+def test_a_million_rows_need_less_than_a_gibibyte(tmp_path):
     ds = drawn(500_000)
     for k in range(28):
         ds[f"more_{k}"] = ds.rmse + k
     ds.to_netcdf(tmp_path / "large.nc")
     code = "import sys; from fastcoil.cli.main import main; main(sys.argv[1:])"
-    words = ["export", str(tmp_path / "large.nc"), f"--{format}", "-o", str(tmp_path)]
+    words = ["export", str(tmp_path / "large.nc"), "--csv", "-o", str(tmp_path)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     subprocess.run([sys.executable, "-c", code, *words], check=True, cwd=tmp_path)
     assert before <= resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 2**20

@@ -1,6 +1,4 @@
-"""``fastcoil parameters``, ``presets`` and ``schema``."""
-
-import json
+"""``fastcoil parameters`` and ``presets``."""
 
 import pytest
 from click.testing import CliRunner
@@ -24,7 +22,3 @@ def test_parameters_lists_every_one_with_unit_and_bounds(fastcoil):
 
 def test_presets_are_listed_as_in_python(fastcoil):
     assert fastcoil("presets").output == f"{fc.presets()!r}\n"
-
-
-def test_the_schema_is_json_that_knows_every_parameter(fastcoil):
-    assert PARAMETERS.keys() <= json.loads(fastcoil("schema").output)["$defs"].keys()

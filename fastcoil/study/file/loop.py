@@ -117,7 +117,7 @@ def build_loop(
 
 _USUAL: dict[str, tuple[float, float, str]] = {
     "kp": (-1.0, 1.0, "%/K, divide it by 100"),
-    "ti": (3.0, np.inf, "minutes, multiply it by 60"),
+    "ti": (2.0, np.inf, "minutes, multiply it by 60"),
     "backlash": (0.0, 0.3, "%, divide it by 100"),
     "backlash_estimate": (0.0, 0.3, "%, divide it by 100"),
     "buffer": (0.0, 0.3, "%, divide it by 100"),

@@ -1,6 +1,6 @@
 """The text of a study file as tables of known shape, and the sentences for one of the wrong shape.
 
-The models also say what the JSON Schema adds to their types; the checks of values are those of whoever uses them.
+The checks of values are those of whoever uses them.
 """
 
 import re
@@ -11,12 +11,10 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fastcoil.base.errors import InputError, collecting, nearest, shown
-from fastcoil.design.measures import COUNTED, MARGIN, NO_GOALS
-from fastcoil.design.tuning_plan import EVALUATIONS, MOST_EVALUATIONS, OBJECTIVE, QUANTILE
-from fastcoil.loops.plan import RUN_LIMITS
+from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.model.metric_table import TRACES, WARM_UP
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
-from fastcoil.study.analysis.cost import COP, COP_LIMITS, CURRENCY, DEAREST, LONGEST_CURRENCY, PRICES
+from fastcoil.study.analysis.cost import COP, CURRENCY, PRICES
 
 _DEEPEST = 20  # tables and lists inside each other: a study needs five
 LONGEST_KEY = 200  # characters; keys are labels of axes too
@@ -69,26 +67,14 @@ def _unusable(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
         yield f"{place} is a number of too many digits: give a smaller one"
 
 
-Schema = dict[str, Any]
 Value = TypeVar("Value")
 
 _MOST_HINTS = 20  # unknown names for which a similar one is suggested: it takes a millisecond each
 _MOST_TRACES = 2 * len(TRACES)
 
 
-def whole(low: int, high: int | None, description: str = "") -> Schema:
-    """Schema of a whole number."""
-    limits = {"minimum": low} if high is None else {"minimum": low, "maximum": high}
-    return {"type": "integer", **limits} | ({"description": description} if description else {})
-
-
 def _price(name: str) -> Any:
-    meaning, example = PRICES[name]
-    return _field(..., minimum=0, maximum=DEAREST, description=meaning, examples=[example])
-
-
-def _field(default: Any, most: int | None = None, **schema: Any) -> Any:
-    return Field(default, max_length=most, json_schema_extra=schema)
+    return Field(..., examples=[PRICES[name][1]])
 
 
 class _Strict(BaseModel):
@@ -98,35 +84,25 @@ class _Strict(BaseModel):
 class RunTable(_Strict):
     """How to run, not what."""
 
-    warm_up: int = _field(WARM_UP, **whole(*RUN_LIMITS["warm_up"]))
-    seed: int = _field(0, **whole(*RUN_LIMITS["seed"]))
-    replicates: int = _field(1, **whole(*RUN_LIMITS["replicates"]))
-    carry_over: bool = _field(False, description="each day begins as the one before ended")
-    traces: list[str] = _field([], _MOST_TRACES, items={"enum": list(TRACES)}, uniqueItems=True)
-    trace_interval: int = _field(60, **whole(*RUN_LIMITS["trace_interval"]))
+    warm_up: int = WARM_UP
+    seed: int = 0
+    replicates: int = 1
+    carry_over: bool = False
+    traces: list[str] = Field(default=[], max_length=_MOST_TRACES)
+    trace_interval: int = 60
     reduce: str | None = None
-    predict: bool = _field(False, description="add what theory predicts of the hunting")
+    predict: bool = False
 
 
 class TuneTable(_Strict):
     """What `fastcoil tune` chooses for all valves and days."""
 
-    search: dict[str, Any] = _field(
-        ...,
-        minProperties=1,
-        description="what may be chosen: [lowest, highest] by parameter",
-        examples=["{ kp = [0.005, 0.1], ti = [5, 600] }"],
-    )
-    objective: str = _field(OBJECTIVE, enum=[name for name in COUNTED if name not in NO_GOALS])
-    quantile: float | str = _field(QUANTILE, description="share of valves and days whose value counts")
-    limits: dict[str, Any] = _field(
-        {},
-        properties=dict.fromkeys((*COUNTED, MARGIN), {}),
-        additionalProperties=False,
-        description="upper limits by metric",
-    )
+    search: dict[str, Any] = Field(..., examples=["{ kp = [0.005, 0.1], ti = [5, 600] }"])
+    objective: str = OBJECTIVE
+    quantile: float | str = QUANTILE
+    limits: dict[str, Any] = {}
     holdout: Any = None
-    evaluations: int = _field(EVALUATIONS, **whole(1, MOST_EVALUATIONS))
+    evaluations: int = EVALUATIONS
 
 
 class TariffTable(_Strict):
@@ -135,19 +111,17 @@ class TariffTable(_Strict):
     electricity: float = _price("electricity")
     demand: float = _price("demand")
     heat: float = _price("heat")
-    cop: float = _field(COP, minimum=COP_LIMITS[0], maximum=COP_LIMITS[1], description="of the chiller")
-    electric_heat: bool = _field(False, description="heating coils also pay for demand")
-    currency: str = _field(CURRENCY, minLength=1, maxLength=LONGEST_CURRENCY)
-    baseline: dict[str, float | str] = _field(
-        {}, description="dim and label of the loops to compare with; those without backlash by default"
-    )
+    cop: float = COP
+    electric_heat: bool = False
+    currency: str = CURRENCY
+    baseline: dict[str, float | str] = {}
 
 
 class StudyFile(_Strict):
     """Which loops are simulated on which days."""
 
-    title: str = _field("", description="what the study is called in summaries and figures")
-    question: str = _field("", description="what the study asks")
+    title: str = ""
+    question: str = ""
     loop: dict[str, Any]
     sweep: dict[str, Any] = {}
     cases: dict[str, dict[str, dict[str, Any]]] = {}
@@ -231,8 +205,8 @@ def _sentences(error: ValidationError) -> Iterator[str]:
         kind = detail["type"]
         where = f"[{table}] {'.'.join(keys)}" if keys else table
         if kind == "missing" and keys:
-            extra: Any = _MODELS[table].model_fields[keys[-1]].json_schema_extra
-            yield f"{where} is missing: give it, such as {keys[-1]} = {extra['examples'][0]}"
+            example = (_MODELS[table].model_fields[keys[-1]].examples or ["…"])[0]
+            yield f"{where} is missing: give it, such as {keys[-1]} = {example}"
         elif kind == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
         elif keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have

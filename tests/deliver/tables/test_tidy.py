@@ -1,7 +1,5 @@
 """CSV and Parquet: every scenario-day once, as xarray's own ``to_dataframe`` has it; units and the study."""
 
-import sys
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +7,7 @@ from helpers.results import drawn, result
 
 import fastcoil.deliver.tables as tidy
 from fastcoil.base.errors import InputError, StorageError
-from fastcoil.deliver.tables import Tidy, write_csv, write_parquet
+from fastcoil.deliver.tables import Tidy, write_csv
 
 ATTRS = {
     "title": "A title,\nwith # and a line",
@@ -82,23 +80,6 @@ def test_no_text_starts_a_formula_in_a_spreadsheet(ds, tmp_path):
     assert set(pd.read_csv(tmp_path / "t.csv", comment="#").tuning) == {"'=1+1", "'@SUM(A1)"}
 
 
-def test_parquet_has_plain_names_with_units_beside_them(ds, tmp_path):
-    from pyarrow import parquet
-
-    write_parquet(Tidy(ds), tmp_path / "t.parquet")
-    found = pd.read_parquet(tmp_path / "t.parquet")
-    frame = expected(ds, NAMES)
-    pd.testing.assert_frame_equal(
-        found[list(frame)].astype({"status": str, "learning_status": str, "tuning": str}),
-        frame.astype({"status": str, "learning_status": str, "tuning": str}), check_dtype=False,
-    )  # fmt: skip
-    schema = parquet.read_schema(tmp_path / "t.parquet")
-    assert schema.field("rmse").metadata[b"units"] == b"K"
-    assert schema.metadata[b"content_sha256"] == b"f" * 64
-    assert schema.metadata[b"title"].startswith(b"A title,")
-    assert isinstance(found.status.dtype, pd.CategoricalDtype)
-
-
 def test_metrics_may_be_picked_and_fixed_labels_stay_as_columns(ds):
     table = Tidy(ds.isel(tuning=1), ("iae",))
     assert [c.name for c in table.columns] == ["day", "sample", "tuning", "kp", "ti", "sample_time", "iae", "status"]
@@ -128,16 +109,7 @@ def test_what_is_no_column_is_refused(ds, metrics, sentence):
     assert problem.startswith(sentence)
 
 
-def test_without_pyarrow_the_sentence_has_the_command_that_installs_it(ds, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(InputError) as caught:
-        write_parquet(Tidy(ds), tmp_path / "t.parquet")
-    assert caught.value.problems == ["Parquet needs the package pyarrow: pip install 'fastcoil[parquet]'"]
-    assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("write", [write_csv, write_parquet])
-def test_a_table_that_cannot_be_finished_leaves_nothing(ds, tmp_path, monkeypatch, write):
+def test_a_table_that_cannot_be_finished_leaves_nothing(ds, tmp_path, monkeypatch):
     pieces = Tidy.pieces
 
     def break_off(table):
@@ -146,5 +118,5 @@ def test_a_table_that_cannot_be_finished_leaves_nothing(ds, tmp_path, monkeypatc
 
     monkeypatch.setattr(Tidy, "pieces", break_off)
     with pytest.raises(StorageError, match="No space left"):
-        write(Tidy(ds), tmp_path / "t")
+        write_csv(Tidy(ds), tmp_path / "t")
     assert not any(tmp_path.iterdir())
