@@ -233,18 +233,23 @@ def identify_backlash(*log: Any, **known: Any) -> Identification:
 def backlash_of(days: Sequence[Shown]) -> Identification:
     """The backlash of a valve from what each of its days shows: one gap, a plant of its own every day.
 
-    Days with a doubt do not count where others have none.
+    Days with a doubt do not count where half of the days or more have none.
     """
-    compared = [day for day in days if day.found and not day.doubt] or [day for day in days if day.found]
+    compared, doubt = [day for day in days if day.found], ""
     if not compared:
         return _cannot(_most_frequent([day.doubt for day in days]))
+    sound = [day for day in compared if not day.doubt]
+    if 2 * len(sound) >= len(compared):
+        compared = sound
+    else:
+        doubt = _most_frequent([day.doubt for day in compared if day.doubt])
     steady = WEIGHT_REACTION if len(compared) == 1 else WEIGHT_POOLED
     logarithm = np.zeros(CANDIDATES.size)
     for day in compared:
         of_ways = [day.counts * (WEIGHT * one.plain if day.provoked else steady * one.reaction) for one in day.found]
         logarithm += np.logaddexp.reduce([way - np.logaddexp.reduce(way) for way in of_ways])
     probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
-    found = _judged(probability, any(day.provoked for day in compared), _most_frequent([day.doubt for day in compared]))
+    found = _judged(probability, any(day.provoked for day in compared), doubt)
     high = min(found.high + max(day.lost for day in compared) * found.backlash, float(CANDIDATES[-1]))
     return found._replace(high=high, late=_most_frequent([day.late for day in compared]))
 
@@ -318,6 +323,8 @@ def shown_by(
         )
     elif provoked and lag is None and (misplaced := _misplaced(compared, samples, interval)):
         doubt = misplaced
+    elif provoked and not _is_of_this_hour(found[-1], temperature, positions, good, interval):
+        doubt = "temperatures of other hours answer the command as well: check that it moves this valve, or log longer"
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
     return Shown(found, provoked, doubt, counts, samples * interval, LOST if unseen and interval > HORIZON else 0.0)
@@ -350,6 +357,18 @@ def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: 
                 "points, or give the lag between them (lag, --lag)"
             )
     return ""
+
+
+def _is_of_this_hour(found: Likelihood, temperature: Array, positions: Array, good: Mask, interval: float) -> bool:
+    """Whether the command explains the temperature of its own time better than that of other hours: placebos."""
+    others = []
+    for quarters in (1, 2, 3):
+        by = quarters * temperature.size // 4
+        both = good & np.roll(good, by)
+        others.append(likelihoods(np.roll(temperature, by), positions, (), both, interval, CANDIDATES))
+    return float(found.plain.max()) > LEAST_FORWARD + max(
+        (float(one.plain.max()) for one in others if one), default=0.0
+    )
 
 
 def _judged(probability: Array, provoked: bool, doubt: str) -> Identification:

@@ -47,7 +47,7 @@ def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(l
 
 def test_a_coil_whose_air_is_colder_than_its_water_is_refused():
     log = coil_log(hours=1.0, every=10)
-    assert "check their units" in refusal(fc.fit_coil, log.assign(T_sup=log.T_sup - 20.0))
+    assert "outside what air and water enter with" in refusal(fc.fit_coil, log.assign(T_sup=log.T_sup - 20.0))
 
 
 def test_no_size_is_claimed_of_a_command_that_does_not_answer_this_temperature(log):

@@ -274,8 +274,8 @@ def test_days_of_one_valve_show_together_what_none_of_them_shows_alone():
 def test_a_day_with_a_doubt_does_not_count_beside_others():
     doubted = Shown([Likelihood(peak(0.2), peak(0.2), 900)], provoked=True, doubt="because", late=30.0)
     sound = Shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True)
-    assert backlash_of([doubted, sound, doubted])[:5] == backlash_of([sound])[:5]
-    assert backlash_of([doubted, doubted]).reason == "because"
+    assert backlash_of([doubted, sound])[:5] == backlash_of([sound])[:5]
+    assert backlash_of([doubted, doubted, sound]).reason == "because"
     assert backlash_of([Shown([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
 
 
@@ -300,3 +300,10 @@ def test_a_lag_that_is_given_is_taken_in_place_of_the_one_found():
     assert given.late == 3 * INTERVAL
     assert given.backlash == pytest.approx(0.07, abs=0.005)
     assert identify_backlash(command, T, INTERVAL, T_set, lag=0.0).late == 0.0
+
+
+def test_temperatures_of_other_hours_that_answer_as_well_show_no_gap(monkeypatch):
+    command, T, T_set = controlled(0.07)
+    monkeypatch.setattr("fastcoil.measured.identify.LEAST_FORWARD", 1e6)
+    monkeypatch.setattr("fastcoil.measured.identify._misplaced", lambda *_: "")
+    assert "other hours" in identify_backlash(command, T, INTERVAL, T_set).reason
