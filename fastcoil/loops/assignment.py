@@ -23,7 +23,7 @@ from fastcoil.model.parameter_table import (
     Scalar,
     check_name,
 )
-from fastcoil.model.user_rules import KINDS, Rule, text_without_one
+from fastcoil.model.user_rules import KINDS, Rule
 
 FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
 """Names that a swept dimension cannot have: dimensions and variables of a result."""
@@ -211,9 +211,8 @@ def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str
 
 
 def _alike(parameter: Parameter) -> Parameter:
-    """The parameter without the name of its rule."""
-    text = "" if parameter.text == text_without_one(parameter.group) else parameter.text
-    return replace(parameter, group="", text=text)
+    """The parameter without what each rule says of it in its own words."""
+    return replace(parameter, group="", text="")
 
 
 def with_defaults(values: Mapping[str, Any], before: Mapping[str, Rule], rules: Mapping[str, Rule]) -> dict[str, Any]:

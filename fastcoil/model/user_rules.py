@@ -81,11 +81,6 @@ def _bound(name: str, value: object, none: float) -> float:
     return none if isinstance(value, float) and value == none else number_of(name, value, "give a number")
 
 
-def text_without_one(rule: str) -> str:
-    """The text of a parameter that is given none."""
-    return f"parameter of {rule}"
-
-
 def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Parameter]:
     """What a rule declares of its own; the other fields are parameters of the loop that it may read.
 
@@ -120,7 +115,7 @@ def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Paramet
         else:
             declared: Any = default if isinstance(default, OwnParameter) else parameter(default)  # type: ignore[arg-type]
             own[name] = Parameter(
-                name, rule, declared.unit, float(declared), declared.text or text_without_one(rule), declared.lower,
+                name, rule, declared.unit, float(declared), declared.text or f"parameter of {rule}", declared.lower,
                 declared.upper, label=name.replace("_", " "),
             )  # fmt: skip
     if problems:
@@ -188,13 +183,11 @@ class Rule:
         InputError
             If it makes something else than it declares.
         """
-        if not isinstance(made, Rule) or made.kind != self.kind:
-            raise InputError(f"{self.name} is no {self.kind}: put @fc.{self.kind}(Parameters, Memory) before it")
-        if made.name != self.name:
-            raise InputError(f"{self.name} is the rule {made.name} in the end: give each a name of its own")
-        if made.own != self.own or made.reads != self.reads:
+        declared = (self.kind, self.name, self.own, self.reads)
+        if not isinstance(made, Rule) or (made.kind, made.name, made.own, made.reads) != declared:
             raise InputError(
-                f"{self.name}: its Parameters are not those that its source declares: write every default as a number"
+                f"{self.name} is not the {self.kind} that its source declares: put @fc.{self.kind}(Parameters, Memory) "
+                "before its function, write every default as a number, and give each rule a name of its own"
             )
         self._made_of = made.parts
 
@@ -221,10 +214,8 @@ class Rule:
         InputError
             If it uses something that cannot be compiled.
         """
-        if self._code is None:
-            function, _, Memory = self.parts
-            return UserFunction(self.name, function, Memory).sha256
-        return self._code.sha256
+        function, _, Memory = self.parts
+        return (self._code or UserFunction(self.name, function, Memory)).sha256
 
     @property
     def family(self) -> Estimator | Law:
@@ -244,11 +235,8 @@ class Rule:
     def __repr__(self) -> str:
         return f"<fastcoil {self.kind} {self.name}>"
 
-    def _key(self) -> tuple[Any, ...]:
-        return (self.kind, self.name, tuple(self.own.items()), self.reads, self.sha256, self._made_of)
-
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Rule) and self._key() == other._key()
+        return isinstance(other, Rule) and self.__dict__ | {"_code": None} == other.__dict__ | {"_code": None}
 
     def __hash__(self) -> int:
         return hash((self.kind, self.name))

@@ -180,7 +180,7 @@ def test_mistakes_are_found_before_anything_is_computed(path, tmp_path):
         (("abs(now.e)", "abs(now.ee)"), r"by_error does not compile, line \d+ of .*mine.*: Unknown attribute 'ee'"),
         (("import pathlib", "import pathlib\nraise ValueError('unripe')"), "does not run: ValueError: unripe"),
         (("class Memory", "Parameters._field_defaults['gain'] = 1.0\nclass Memory"),
-         "its Parameters are not those that its source declares"),
+         "by_error is not the estimator that its source declares"),
     ):  # fmt: skip
         mine.write_text(good.replace(*change))
         assert mine.read_text() != good

@@ -14,7 +14,6 @@ import pickle
 import re
 import shutil
 import stat
-import uuid
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -27,14 +26,12 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
+from fastcoil.base.errors import StorageError
+from fastcoil.base.files import commit
+
 _FORMAT = b"fastcoil kernel 1\n"
 _KEPT_FOLDERS = 4
 _FINGERPRINT = re.compile(r"[0-9a-f]{16}")
-_ELSEWHERE = "set XDG_CACHE_HOME to a folder of your own"
-
-
-class _NotOursError(Exception):
-    """Another user may have written to a folder: the text says why."""
 
 
 class KernelCache(Cache):  # type: ignore[misc]
@@ -74,11 +71,12 @@ class KernelCache(Cache):  # type: ignore[misc]
         if self._settings != _settings():  # the folder is of others; a study's own code may have changed them
             return
         key = self._key(sig, data.codegen)
+        path, payload = self._path(key), dumps((key, data._reduce()))
         try:
             _make(self._folder)
-            _write(self._path(key), dumps((key, data._reduce())))
-        except OSError as error:
-            _warn(f"{self._folder} cannot be written ({error.strerror}): free some space, or {_ELSEWHERE}")
+            commit(path, _header(path, payload) + payload)
+        except (OSError, StorageError) as error:
+            _warn(f"{self._folder} cannot be written ({error.__cause__ or error})")
 
     def _key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         own = (self._identity, sig, codegen.magic_tuple()) if self._identity else self._index_key(sig, codegen)
@@ -101,21 +99,13 @@ def kernel_folder(fingerprint: str) -> Path | None:
 
     ``None``, with a warning, where it cannot be made or another user may write to it.
     """
-    try:
-        folder = cache_root() / fingerprint
-    except RuntimeError as error:
-        _warn(f"the folder for them is not known ({error}): {_ELSEWHERE}")
-        return None
-    try:
-        for each in (*reversed(folder.parents[:2]), folder):
-            _make(each)
-            _check_owner(each.stat())
-        _check_private(folder.lstat())
-    except OSError as error:
-        _warn(f"{folder} cannot be made ({error.strerror}): {_ELSEWHERE}")
-        return None
-    except _NotOursError as error:
-        _warn(f"{folder} {error}: remove it, or {_ELSEWHERE}")
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    # a relative one would be that of whoever made the current folder; the standard has it ignored
+    base = given if given.is_absolute() else Path(os.path.expanduser("~")) / ".cache"
+    folder = base / "fastcoil" / "kernels" / fingerprint
+    problem = _problem(folder)
+    if problem:
+        _warn(f"{folder} {problem}")
         return None
     with contextlib.suppress(OSError):
         os.utime(folder)
@@ -123,20 +113,21 @@ def kernel_folder(fingerprint: str) -> Path | None:
     return folder
 
 
-def cache_root() -> Path:
-    """Folder that holds one folder of compiled kernels per fingerprint.
-
-    Raises
-    ------
-    RuntimeError
-        If the user has no home.
-    """
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    # a relative one would be that of whoever made the current folder; the standard has it ignored
-    base = given if given.is_absolute() else Path.home() / ".cache"
-    if not base.is_absolute():
-        raise RuntimeError("HOME is no absolute path")
-    return base / "fastcoil" / "kernels"
+def _problem(folder: Path) -> str:
+    """Why a folder is not used, after trying to make it: others may have written to it, or it cannot be made."""
+    if not folder.is_absolute():
+        return "is in no home"
+    try:
+        for each in (*reversed(folder.parents[:2]), folder):
+            _make(each)
+            if each.stat().st_uid != os.geteuid():
+                return "belongs to another user"
+        found = folder.lstat()
+    except OSError as error:
+        return f"cannot be made ({error.strerror})"
+    if stat.S_ISLNK(found.st_mode):
+        return "is a symbolic link"
+    return "can be written by other users" if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else ""
 
 
 def has_kernel(folder: Path, name: str) -> bool:
@@ -153,19 +144,6 @@ def _read(path: Path) -> bytes:
     return data[n:]
 
 
-def _write(path: Path, payload: bytes) -> None:
-    """Write a file so that it is, at any moment, whole or absent, or at least known to be damaged."""
-    unfinished = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
-    try:
-        with open(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.write(_header(path, payload) + payload)
-        os.replace(unfinished, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            unfinished.unlink(missing_ok=True)
-        raise
-
-
 def _header(path: Path, payload: bytes) -> bytes:
     """Format and hash; a kernel under the name of another one, or in another folder, is as bad as a damaged one."""
     return _FORMAT + hashlib.sha256(f"{path.parent.name}/{path.name}\0".encode() + payload).digest()
@@ -177,23 +155,10 @@ def _make(folder: Path) -> None:
         each.mkdir(mode=0o700, exist_ok=True)
 
 
-def _check_private(found: os.stat_result) -> None:
-    """Raise an error unless only this user can have written a file or folder."""
-    if stat.S_ISLNK(found.st_mode):
-        raise _NotOursError("is a symbolic link")
-    _check_owner(found)
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise _NotOursError("can be written by other users")
-
-
-def _check_owner(found: os.stat_result) -> None:
-    if found.st_uid != os.geteuid():
-        raise _NotOursError("belongs to another user")
-
-
 @cache
 def _warn(why: str) -> None:
-    warnings.warn(f"every process compiles the kernels again: {why}", stacklevel=2)
+    cure = "mend it, or set XDG_CACHE_HOME to a folder of your own"
+    warnings.warn(f"every process compiles the kernels again: {why}: {cure}", stacklevel=2)
 
 
 def _prune(current: Path) -> None:

@@ -137,20 +137,19 @@ def test_one_nan_of_a_rule_is_in_the_status_even_if_numbers_follow(short, make):
 
 @pytest.mark.kernel
 def test_a_helper_that_changes_is_compiled_again(short):
-    scope = {}
+    scope = {"LEVEL": 0.125}
 
-    def final(level):
-        source = (
-            f"LEVEL = {level}\ndef helper():\n    return LEVEL\ndef rule(now, p, memory):\n    return helper(), memory"
+    def final(factor):
+        exec(
+            f"def helper():\n    return LEVEL * {factor}\ndef rule(now, p, memory):\n    return helper(), memory", scope
         )
-        exec(source, scope)
         rule = fc.estimator(Parameters, Memory)(scope["rule"])
         return float(fc.simulate(fc.Loop(estimator=rule), short, warm_up=60).estimate_final), rule
 
-    assert final(0.125)[0] == 0.125
-    found, rule = final(0.25)
+    assert final(1.0)[0] == 0.125
+    found, rule = final(2.0)
     assert found == 0.25
-    scope["LEVEL"] = 0.5
+    scope["LEVEL"] = 0.25
     assert float(fc.simulate(fc.Loop(estimator=rule), short, warm_up=60).estimate_final) == 0.5
 
 

@@ -139,7 +139,9 @@ def test_a_word_of_the_package_is_no_name_of_a_rule(study):
 def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
     two = "\ndef two(now, p, memory): return 0.0, memory\none = fc.estimator(Parameters, Memory)(two)\n"
     path = study(RULE + two)
-    with pytest.raises(InputError, match="one is the rule two in the end: give each a name of its own"):
+    with pytest.raises(
+        InputError, match="one is not the estimator that its source declares: .* each rule a name of its own"
+    ):
         read_study(path, prepare=load)
 
 
