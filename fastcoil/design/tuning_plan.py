@@ -7,7 +7,6 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -338,14 +337,6 @@ def require_margins(loop: Loop) -> None:
     reasons = [reason for reason, where in unknown(columns_of(loop, loop.sizes, index)).items() if np.any(where)]
     if reasons:
         raise InputError([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
-
-
-def theory_sha256() -> str:
-    """Hash of the sources that decide a margin."""
-    digest = hashlib.sha256()
-    for name in ("plants", "operating_points", "linearise", "describing_function", "limit_cycle"):
-        digest.update(name.encode() + b"\0" + Path(__file__).with_name(f"{name}.py").read_bytes())
-    return digest.hexdigest()
 
 
 GAINS = ("kp", "ti")
