@@ -18,7 +18,6 @@ from fastcoil.design.tuning_plan import (
     QUANTILE,
     Asked,
     Group,
-    as_it_is,
     measured,
     own_gains,
     plan_tuning,
@@ -128,7 +127,7 @@ def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
 def run_tuning(asked: Asked, progress: Report | None = None) -> Tuning:
     """Search, choose, and try the choice on the hold-out."""
     measures, training = asked.measures, asked.training
-    asked = asked._replace(limits=resolved(asked.limits, measured(as_it_is(asked, training), measures)))
+    asked = asked._replace(limits=resolved(asked.limits, measured(tried(asked, training, {}), measures)))
     known: dict[tuple[float, ...], tuple[float, ...]] = {}  # each tuning is simulated once
     done = 0
 
@@ -141,7 +140,7 @@ def run_tuning(asked: Asked, progress: Report | None = None) -> Tuning:
         rows = [tuple(row) for row in asked.values(points).tolist()]
         new = list(dict.fromkeys(row for row in rows if row not in known))
         if new:
-            of_new = measured(tried(asked, training, np.array(new)), measures)
+            of_new = measured(tried(asked, training, asked.tunings(np.array(new))), measures)
             known.update(
                 zip(new, zip(*(of_new[measure.name].tolist() for measure in measures), strict=True), strict=True)
             )
@@ -162,11 +161,14 @@ def run_tuning(asked: Asked, progress: Report | None = None) -> Tuning:
     front = on_front(scores)
     if front.size > _MOST_ON_FRONT:  # some points of it evenly along, both ends among them
         front = front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))]
-    parameters = dict(zip(asked.names, values[at].tolist(), strict=True))
+    parameters = {
+        axis.name: int(value) if axis.parameter.whole else value
+        for axis, value in zip(asked.axes, values[at].tolist(), strict=True)
+    }
     meets_limits = float(scores.violation[at]) == 0.0
     trained, held_out = (_beside_now(asked, group, values[at]) for group in (training, asked.holdout))
     of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
-    on_holdout = measured(tried(asked, asked.holdout, values[front]), measures)
+    on_holdout = measured(tried(asked, asked.holdout, asked.tunings(values[front])), measures)
     for measure in measures:
         attrs = measure.attrs | {"long_name": f"{measure.words}, held out"}
         of_front[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
@@ -199,7 +201,7 @@ def _beginning(asked: Asked) -> Array:
     own: dict[str, Any] = {name: asked.training.loop[name] for name in asked.names}
     if any(value is None for value in own.values()):
         return np.empty((0, len(own)))
-    gains = own_gains(asked.training, asked.names, asked.warm_up)
+    gains = {name: values for name, (_, values) in own_gains(asked.training, asked.names, asked.warm_up).items()}
     tunings = [own, own | gains] if gains else [own]
     return np.array(
         [[axis.share(float(np.median(np.asarray(of[axis.name])))) for axis in asked.axes] for of in tunings]
@@ -208,10 +210,8 @@ def _beginning(asked: Asked) -> Array:
 
 def _beside_now(asked: Asked, group: Group, chosen: Array) -> xr.Dataset:
     """The chosen settings on a group, and the loop as it came beside."""
-    of_tunings = {NOW: as_it_is(asked, group), CHOSEN: tried(asked, group, chosen[None])}
-    own = own_gains(group, asked.names, asked.warm_up)
-    if own:
-        of_tunings[SIMC] = as_it_is(asked, group, own)
+    changes = {NOW: {}, CHOSEN: asked.tunings(chosen[None]), SIMC: own_gains(group, asked.names, asked.warm_up)}
+    of_tunings = {name: tried(asked, group, change) for name, change in changes.items() if change or name == NOW}
     cases = {metric: np.concatenate([of[metric] for of in of_tunings.values()]) for metric in of_tunings[NOW]}
     ds = with_intervals(cases, asked.measures, list(of_tunings), asked.seed)
     return ds.assign_attrs(group=group.words)

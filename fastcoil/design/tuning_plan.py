@@ -79,11 +79,6 @@ class Axis(NamedTuple):
         return "upper" if share > 1.0 - _NEAR and self.high < self.parameter.upper else ""
 
 
-def may_be_searched(parameter: Parameter) -> bool:
-    """Whether it is a number that a controller has."""
-    return parameter.group in _GROUPS and parameter.name != "plant_gain" and not parameter.is_word
-
-
 def axes_of(search: object, loop: Loop) -> tuple[Axis, ...]:
     """The axes of a search from ``{name: (low, high)}``."""
     cure = 'give bounds by parameter, such as {"kp": (0.005, 0.1), "ti": (5, 600)}'
@@ -115,7 +110,8 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
     parameter = loop.parameters[check_name(name, loop.parameters)]
     if parameter.is_word:
         raise InputError(f"{name} is a word: tune the loop with each of {parameter.bounds} and compare")
-    if not may_be_searched(parameter) and not any(name in rule.own for rule in loop.rules.values()):
+    of_controller = parameter.group in _GROUPS and name != "plant_gain"
+    if not of_controller and not any(name in rule.own for rule in loop.rules.values()):
         raise InputError(
             f"{name} is not the controller's to choose: draw it in the population, as a dim of the loop, and "
             "search kp, ti, buffer or another setting of the controller"
@@ -159,6 +155,10 @@ class Asked(NamedTuple):
     def values(self, points: Array) -> Array:
         """Values of the parameters at points (n, d) of the unit cube."""
         return np.stack([axis.values(points[:, k]) for k, axis in enumerate(self.axes)], axis=1)
+
+    def tunings(self, values: Array) -> Changes:
+        """Tunings (n, d) as changes of a loop."""
+        return {name: (TUNING, column) for name, column in zip(self.names, values.T, strict=True)}
 
     def cases(self, group: Group) -> int:
         """Scenario-days of one tuning on a group."""
@@ -270,10 +270,8 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
         return boundary, holdout.isel(day=np.arange(holdout.n_days))
     held = np.arange(n - max(1, n // ONE_OF), n) if holdout is None else _labelled(boundary, holdout)
     if held.size == n:
-        if holdout is not None:
-            raise InputError(f"holdout has all {n} days of the boundary: leave some to tune on")
         raise InputError(
-            "boundary is a single day, so that none is left to hold out: give several days, such as "
+            f"boundary has {n} days, all held out, so that none is left to tune on: give several, such as "
             "paper_day(seed=[1, 2, 3]), or others with holdout=…"
         )
     kept = np.setdiff1d(np.arange(n), held)
@@ -283,14 +281,10 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
 def _labelled(boundary: Boundary, holdout: Any) -> Index:
     """Places of the days with these labels."""
     listed = isinstance(holdout, (list, tuple, range)) or (isinstance(holdout, np.ndarray) and holdout.ndim == 1)
-    labels = [plain(label) for label in holdout] if listed else []
-    if not labels or not all(map(is_number, labels)):
-        cure = "give a Boundary of other days, or labels of some days of the boundary, such as [3, 4]"
-        raise InputError(WrongType(f"holdout = {shown(holdout)}: {cure}"))
-    known = boundary.day.tolist()
-    missing = [label for label in labels if label not in known]
-    if missing:
-        raise InputError(f"holdout: the boundary has no day {shown(missing[0])}; it has {shown(known)}")
+    labels, known = [plain(label) for label in holdout] if listed else [], boundary.day.tolist()
+    if not labels or not all(is_number(label) and label in known for label in labels):
+        cure = f"give a Boundary of other days, or some of the boundary's days {shown(known)}"
+        raise InputError(f"holdout = {shown(holdout)}: {cure}")
     return np.array(sorted({known.index(label) for label in labels}))
 
 
@@ -340,10 +334,12 @@ def require_margins(loop: Loop) -> None:
 
 
 GAINS = ("kp", "ti")
+Changes = Mapping[str, tuple[str, Array]]
+"""Dim and values of parameters that change."""
 
 
-def own_gains(group: Group, names: Sequence[str], warm_up: int) -> dict[str, Array]:
-    """kp and ti after SIMC for each valve of a group, (valve,): the median of its days at their mean conditions.
+def own_gains(group: Group, names: Sequence[str], warm_up: int) -> Changes:
+    """kp and ti after SIMC for each valve of a group: the median of its days at their mean conditions.
 
     A valve that cannot hold the set-point on any day gets the median of the others.  Empty where kp and ti are not what
     is searched, or SIMC gives no valve anything.
@@ -363,28 +359,12 @@ def own_gains(group: Group, names: Sequence[str], warm_up: int) -> dict[str, Arr
             of_valves = np.nanmedian(values.reshape(-1, group.boundary.n_days), axis=1)
             found[name] = np.where(np.isfinite(of_valves), of_valves, np.nanmedian(of_valves))
     usable = all(np.isfinite(values).all() and (values > 0.0).all() for values in found.values())
-    return found if usable else {}
+    return {name: (VALVE, values) for name, values in found.items()} if usable else {}
 
 
-_MOST_AT_ONCE = 200_000  # scenarios of one sweep: bounds the memory that a generation takes
-
-
-def tried(asked: Asked, group: Group, values: Array) -> dict[str, Array]:
-    """Metrics of tunings (n, d) on a group: metric → (n, day, valve, replicate)."""
-    step = max(1, _MOST_AT_ONCE // asked.cases(group))
-    parts = []
-    for k in range(0, len(values), step):
-        columns = zip(asked.names, values[k : k + step].T, strict=True)
-        parts.append(_cases(asked, group, group.loop.assign(**{name: (TUNING, column) for name, column in columns})))
-    return {metric: np.concatenate([part[metric] for part in parts]) for metric in parts[0]}
-
-
-def as_it_is(asked: Asked, group: Group, own: Mapping[str, Array] | None = None) -> dict[str, Array]:
-    """The same for the loop as it came, or with each valve's ``own`` gains, (valve,): metric → (1, day, …)."""
-    return _cases(asked, group, group.loop.assign(**{name: (VALVE, values) for name, values in (own or {}).items()}))
-
-
-def _cases(asked: Asked, group: Group, loop: Loop) -> dict[str, Array]:
+def tried(asked: Asked, group: Group, changes: Changes) -> dict[str, Array]:
+    """Metrics of a group with changes of its loop: metric → (tuning, day, valve, replicate)."""
+    loop = group.loop.assign(**changes)
     ds = simulate(
         loop, group.boundary, warm_up=asked.warm_up, seed=asked.seed, replicates=asked.replicates, n_jobs=asked.n_jobs,
         progress=False,

@@ -19,14 +19,13 @@ from fastcoil.design.advice import Option, advise
 from fastcoil.design.measures import CHANGE, HUNTS, Limit, Measure
 from fastcoil.design.tuning_plan import ONE_OF, Asked
 from fastcoil.loops.labels import quantity
-from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 NOW, CHOSEN, SIMC = "now", "chosen", "simc"
-_FEW_VALVES, _FEW_DAYS = 20, 3
+_FEW_VALVES = 20
 _MAY_HUNT = 0.05  # share of valves and days above which a population counts as hunting
 _IN_THE_TAIL = 3  # valves held out that should lie above a quantile, or it is little more than the worst of them
 
@@ -68,7 +67,7 @@ def notes_on(
             "No valve of the population is without backlash: add some with backlash = 0, or what was chosen may make a "
             "good valve worse."
         )
-    n, days = len(tried.members), tried.boundary.n_days
+    n = len(tried.members)
     quantiles = [measure.quantile for measure in asked.measures if measure.quantile not in (None, 1.0)]
     needed = max([_FEW_VALVES, *(math.ceil(_IN_THE_TAIL / (1.0 - q) - 1e-9) for q in quantiles if q)])
     if training.members == tried.members:
@@ -78,17 +77,11 @@ def notes_on(
         )
     elif n < needed:
         notes.append(f"{n} valves held out are few for these quantiles: draw {ONE_OF * needed} or more in all.")
-    if days < _FEW_DAYS:
+    if tried.boundary.n_days == 1:
         notes.append(
-            f"The hold-out has {days} day{'s' * (days > 1)}, so that the intervals hold "
-            f"{'no' if days == 1 else 'little of the'} scatter between days: give more with holdout."
+            "The hold-out has a single day, so that the intervals hold no scatter between days: give more with holdout."
         )
     return tuple(notes)
-
-
-def value_of(name: str, value: float) -> str:
-    """A value as a study file takes it."""
-    return repr(int(value)) if name in PARAMETERS and PARAMETERS[name].whole else repr(float(value))
 
 
 def table_rows(ds: xr.Dataset, limits: tuple[Limit, ...]) -> list[list[str]]:
@@ -209,7 +202,7 @@ class Tuning(Result):
     @property
     def _settings(self) -> str:
         return ", ".join(
-            f"{name} = {value_of(name, value)} {quantity(name).unit.removesuffix('%')}".rstrip()
+            f"{name} = {value!r} {quantity(name).unit.removesuffix('%')}".rstrip()
             for name, value in self.parameters.items()
         )
 
@@ -236,7 +229,7 @@ class Tuning(Result):
         """
         lines = ["# settings chosen by fastcoil tune", *(f"# {line}".rstrip() for line in self.summary())]
         chosen = self.parameters if self.meets_limits else {}
-        lines += ["", "[loop]", *(f"{name} = {value_of(name, value)}" for name, value in chosen.items())]
+        lines += toml_table("loop", chosen)
         about = {"kind": "tuning", "objective": self.objective.name, "meets_limits": self.meets_limits}
         lines += toml_table("fit", about | {"notes": self.notes})
         for name, ds in (("held_out", self.held_out), ("trained", self.trained)):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.design import tuning_plan as population
 from fastcoil.design.tuning_plan import plan_tuning
 from fastcoil.study.file.loop import read_includes
 
@@ -122,8 +121,7 @@ def test_the_front_is_retried_on_the_hold_out(loop, days, found):
     assert (np.diff(found.front.rmse_p95) < 0).all()
 
 
-def test_neither_threads_nor_how_many_run_at_once_decide_anything(loop, days, found, monkeypatch):
-    monkeypatch.setattr(population, "_MOST_AT_ONCE", 50)
+def test_threads_decide_nothing(loop, days, found):
     again = fc.tune(loop, days, search=SEARCH, limits=LIMITS, evaluations=64, n_jobs=2, **HOW)
     for name in ("trained", "held_out", "front", "evaluations"):
         assert getattr(again, name).identical(getattr(found, name))
