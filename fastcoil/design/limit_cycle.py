@@ -375,16 +375,11 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
         return found._asdict().items()
 
     found = points.evaluated(cycles)
-    note = _note({reason: count for reason, count in reasons.items() if count}, np.isnan(found["hunts"]))
-    ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
-    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **({"note": note} if note else {}), **provenance())
-
-
-def _note(why: Mapping[str, int], nothing: Mask) -> str:
-    """A sentence for each reason why scenarios are NaN, which is also a warning; refuses if all are."""
+    why, nothing = {reason: count for reason, count in reasons.items() if count}, np.isnan(found["hunts"])
     if nothing.all():
         raise InputError([f"limit_cycle says nothing about these loops: {reason}" for reason in why])
     note = "; ".join(f"NaN in {count:,} of {nothing.size:,} scenarios: {reason}" for reason, count in why.items())
     if note:
-        warnings.warn(note, stacklevel=3)
-    return note
+        warnings.warn(note, stacklevel=2)
+    ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
+    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **({"note": note} if note else {}), **provenance())

@@ -324,9 +324,7 @@ def _of(
         yield from _response("plant", lambda at: frequency_response(plants.response, at), w)
         yield from _response("loop", lambda at: loop_response(columns, plants, at), w)
     if wants_states:
-        system = state_space_of(columns, conditions)
-        yield "A", system.A
-        yield "B", system.B
+        yield from zip("AB", state_space_of(columns, conditions), strict=True)
 
 
 def _response(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iterator[tuple[str, Array]]:

@@ -16,6 +16,7 @@ from fastcoil.design.limit_cycle import MOST, cycles_of
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import Columns, Complex, Plants, loop_response, plants_of
 from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.labels import label_in_words
 from fastcoil.loops.loop import Loop
 
 if TYPE_CHECKING:
@@ -88,8 +89,10 @@ def _loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Colum
     index = np.arange(points.size)
     columns = points.columns(index)
     plants = plants_of(columns, points.conditions(index))
-    for k, label in enumerate(points.labels()):
-        words = ", ".join(filter(None, [label, "" if plants.reachable[k] else "set-point out of reach"]))
+    labelled = points.dataset({})
+    for k, place in enumerate(np.ndindex(*points.sizes.values())):
+        labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]
+        words = ", ".join([*labels, *([] if plants.reachable[k] else ["set-point out of reach"])])
         one = {name: values[k : k + 1] for name, values in columns.items()}
         yield f"{words}: " if words else "", one, plants.some(index[k : k + 1])
 

@@ -15,7 +15,6 @@ from fastcoil.logs.series import TIME
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import check_clashes, check_stability
 from fastcoil.loops.labelled import as_labelled, in_our_unit
-from fastcoil.loops.labels import quantity
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, columns_of, coordinate_attrs
 from fastcoil.model.metric_table import WARM_UP
@@ -80,20 +79,6 @@ class OperatingPoints:
         nothing = np.zeros(index.size, np.int64)
         at = place.get("day", nothing), place.get("elapsed_time", nothing)
         return {name: values[at] for name, values in self._entering.items()}
-
-    def labels(self) -> list[str]:
-        """Every point in words, by flat index: its labels in the sweep, ``ti = 30 s, day 2``; nothing if it is one."""
-        coordinates = self._coordinates()
-
-        def words(dim: str, i: int) -> str:
-            value = coordinates[dim].values[i] if dim in coordinates else i
-            if dim == "elapsed_time":
-                return f"at {value:g} s"
-            if isinstance(value, str):
-                return value
-            return quantity(dim).equals(value) if dim in self.loop.parameters else f"{dim} {value}"
-
-        return [", ".join(map(words, self.sizes, place)) for place in np.ndindex(*self.sizes.values())]
 
     def _coordinates(self) -> dict[str, xr.DataArray]:
         labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}

@@ -264,27 +264,15 @@ def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, 
     return found, whole[:, : n_steps + FEW + 1], curve
 
 
-class StateSpace(NamedTuple):
-    """x[t+1] = A x[t] + B opening[t], T_sup[t] = C x[t], as deviations from rest; t in seconds.
-
-    A: (n, 4 N, 4 N), B: (n, 4 N), C: (4 N,).
-    states: T_w, T_c, T_a, K, and W_a, kg/kg, of volume 1 to N each.
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    states: tuple[str, ...]
-
-
 def state_names(n_volumes: int) -> tuple[str, ...]:
-    """T_w_1 … T_w_N, and so on."""
+    """T_w_1 … T_w_N, T_c, T_a, K, and W_a, kg/kg; T_sup is T_a_1."""
     return tuple(f"{name}_{i}" for name in STATES for i in range(1, n_volumes + 1))
 
 
-def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> StateSpace:
-    """Linearise the one-step map of every plant where it rests at its set-point.
+def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
+    """A and B of x[t+1] = A x[t] + B opening[t], deviations from rest at the set-point; t in seconds.
 
+    Returns (n, 4 N, 4 N) and (n, 4 N), in the order of ``state_names``.
     columns, conditions: as for ``plants_of``; all with one number of volumes N.
     """
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
@@ -296,7 +284,4 @@ def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> StateSp
         linearise_step(block.rows, block.common, of_lanes, rest, V.copy(), S, V, of_A, of_B)
         A[members] = np.moveaxis(of_A, 2, 0)[: members.size]
         B[members] = of_B.T[: members.size]
-    names = state_names(n_volumes)
-    C = np.zeros(size)
-    C[names.index("T_a_1")] = 1.0
-    return StateSpace(A[same], B[same], C, names)
+    return A[same], B[same]

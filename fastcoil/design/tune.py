@@ -128,29 +128,20 @@ def run_tuning(asked: Asked, progress: Report | None = None) -> Tuning:
     """Search, choose, and try the choice on the hold-out."""
     measures, training = asked.measures, asked.training
     asked = asked._replace(limits=resolved(asked.limits, measured(tried(asked, training, {}), measures)))
-    known: dict[tuple[float, ...], tuple[float, ...]] = {}  # each tuning is simulated once
-    done = 0
-
-    def table(rows: list[tuple[float, ...]]) -> dict[str, Array]:
-        columns = np.array([known[row] for row in rows]).T
-        return dict(zip([measure.name for measure in measures], columns, strict=True))
+    every: list[tuple[Array, dict[str, Array]]] = []
 
     def scored(points: Array) -> Scores:
-        nonlocal done
-        rows = [tuple(row) for row in asked.values(points).tolist()]
-        new = list(dict.fromkeys(row for row in rows if row not in known))
-        if new:
-            of_new = measured(tried(asked, training, asked.tunings(np.array(new))), measures)
-            known.update(
-                zip(new, zip(*(of_new[measure.name].tolist() for measure in measures), strict=True), strict=True)
-            )
-        done += len(points)
+        values = asked.values(points)
+        found = measured(tried(asked, training, asked.tunings(values)), measures)
+        every.append((values, found))
         if progress is not None:
-            progress(done, asked.planned)
-        return scores_of(asked, table(rows))
+            progress(sum(len(of) for of, _ in every), asked.planned)
+        return scores_of(asked, found)
 
     evolve(scored, _beginning(asked), len(asked.axes), asked.evaluations, asked.seed)
-    values, found = np.array(list(known)), table(list(known))
+    values = np.concatenate([of for of, _ in every])
+    first = np.sort(np.unique(values, axis=0, return_index=True)[1])  # of each tuning
+    values, found = values[first], {m.name: np.concatenate([of[m.name] for _, of in every])[first] for m in measures}
     scores = scores_of(asked, found)
     at = best(scores)
     if not np.isfinite(scores.goal[at]):

@@ -4,11 +4,11 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from helpers.linear_loops import KINDS, plants, plants_at, points
+from helpers.linear_loops import KINDS, plants, plants_at, points, state_space
 
 import fastcoil as fc
 from fastcoil.design.linearise import first_order, margins_of, simc
-from fastcoil.design.plants import loop_response, plants_of, state_space_of
+from fastcoil.design.plants import loop_response, plants_of
 
 pytestmark = pytest.mark.kernel
 
@@ -23,14 +23,14 @@ EACH = list(zip(KINDS, cycle(SAMPLED)))
 
 def sampled_loop(control, columns, conditions):
     """L of python-control, from A and B alone: sensor, sample and hold, PI with the new error added before use."""
-    system = state_space_of(columns, conditions)
-    n, ts = system.B.shape[1], int(columns["sample_time"][0])
+    of_plant, from_opening, seen = state_space(columns, conditions)
+    n, ts = from_opening.size, int(columns["sample_time"][0])
     tau = columns["sensor_time_constant"][0]
     decay = np.exp(-1.0 / tau) if tau > 0.0 else 0.0
-    seen = np.append((1.0 - decay) * system.C, decay)
+    seen = np.append((1.0 - decay) * seen, decay)
     A = np.zeros((n + 1, n + 1))
-    A[:n, :n], A[n] = system.A[0], seen
-    B = np.append(system.B[0], 0.0)
+    A[:n, :n], A[n] = of_plant, seen
+    B = np.append(from_opening, 0.0)
     held = sum(np.linalg.matrix_power(A, k) @ B for k in range(ts))
     plant = control.ss(np.linalg.matrix_power(A, ts), held[:, None], seen[None, :], 0.0, float(ts))
     kp, ti = columns["kp"][0], columns["ti"][0]

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers.linear_loops import KINDS, of, plants, points
+from helpers.linear_loops import KINDS, of, plants, points, state_space
 
 import fastcoil as fc
-from fastcoil.design.plants import LONGEST, frequency_response, plants_of, state_space_of
+from fastcoil.design.plants import LONGEST, frequency_response, plants_of
 
 pytestmark = pytest.mark.kernel
 
@@ -59,24 +59,24 @@ def test_the_response_is_that_of_the_emulator_to_a_small_step(name):
 @pytest.mark.parametrize("name", KINDS)
 def test_the_response_is_that_of_the_linear_map(name):
     columns, conditions = points(name)
-    found, system = plants_of(columns, conditions), state_space_of(columns, conditions)
-    x, T = np.zeros(system.B.shape[1]), []
+    found, (A, B, C) = plants_of(columns, conditions), state_space(columns, conditions)
+    x, T = np.zeros(B.size), []
     for _ in range(found.response.shape[1]):
-        x = system.A[0] @ x + system.B[0]
-        T.append(system.C @ x)
+        x = A @ x + B
+        T.append(C @ x)
     np.testing.assert_allclose(found.response[0], T, atol=1e-6 * abs(found.gain[0]))
-    assert np.abs(np.linalg.eigvals(system.A[0])).max() < 1.0
+    assert np.abs(np.linalg.eigvals(A)).max() < 1.0
 
 
 def test_a_response_that_outlasts_the_longest_goes_on_as_a_geometric_series():
     """A nearly closed valve: its water takes an hour to pass."""
     control = pytest.importorskip("control")
     columns, conditions = of(fc.Loop(m_max=0.2, C_w=250.0, backlash=0.0), fc.constant_day(0.6, T_set=19.5))
-    found, system = plants_of(columns, conditions), state_space_of(columns, conditions)
+    found, (A, B, C) = plants_of(columns, conditions), state_space(columns, conditions)
     assert found.response.shape[1] == LONGEST
     assert found.response[0, -1] / found.gain[0] < 0.99
     w = np.geomspace(1e-5, 0.1, 40)
-    theirs = control.ss(system.A[0], system.B[0][:, None], system.C[None, :], 0.0, 1.0)
+    theirs = control.ss(A, B[:, None], C[None, :], 0.0, 1.0)
     expected = theirs.frequency_response(w).complex.ravel()
     np.testing.assert_allclose(frequency_response(found.response, w)[0], expected, rtol=0.02)
 

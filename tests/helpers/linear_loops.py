@@ -4,7 +4,7 @@ import numpy as np
 
 import fastcoil as fc
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import plants_of
+from fastcoil.design.plants import plants_of, state_names, state_space_of
 
 KINDS = {
     "wet, lagged": (fc.Loop(), {}),
@@ -40,3 +40,9 @@ def plants_at(loop, day):
     """Parameters of a loop, or a sweep, and its plants on a day that is always the same."""
     columns, conditions = of(loop, day)
     return columns, plants_of(columns, conditions)
+
+
+def state_space(columns, conditions):
+    """A, B and C of one plant: the opening to true T_sup, in steps of a second."""
+    A, B = state_space_of(columns, conditions)
+    return A[0], B[0], np.array(state_names(int(columns["n_volumes"][0]))) == "T_a_1"
