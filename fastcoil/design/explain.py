@@ -297,50 +297,40 @@ class Explanation:
     def _failed(self) -> bool:
         return int(self.simulated["status"][0]) != STATUS_OK
 
-    def _value(self, name: str, k: int = 0) -> float:
-        """A parameter of the loop with a cure."""
-        of_cures = self.simulated.get(name)
-        return float(self.loop[name] if of_cures is None or not of_cures.ndim else of_cures[k])  # type: ignore[arg-type]
-
-    def _number_of(self, cure: str) -> int | None:
-        """Index of a cure; None if it was not tried."""
-        names = self.simulated["cure"].values.tolist()
-        return names.index(cure) if cure in names else None
-
 
 def _why(e: Explanation) -> str:
     """The reason, in a sentence or two."""
     if e.prediction is None:
         return f"Why: theory cannot tell, since {'; '.join(e.doubts)}.  The answer is that of the simulation."
-    margin, kp, ti, stroke = e.margin, *(e._value(name) for name in ("kp", "ti", "stroke_time"))
+    kp, ti, stroke, backlash = (float(e.loop[n]) for n in ("kp", "ti", "stroke_time", "backlash"))  # type: ignore[arg-type]
+    margin, tried = e.margin, e.cures["cure"].values
     known = f"margin {margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}"
     # the margin goes with kp
     factor = HUNTS_ABOVE / margin if margin else math.inf
     if not e.predicted:
-        return _why_not_predicted(e, e.prediction, known, factor)
+        return _why_not_predicted(e, e.prediction, known, factor, ti)
     ends = "" if e.hunts else "  On this day no such swing lasts."
     if margin <= HUNTS_ABOVE:
         # calm by its margin, but not once it swings: the margin is that of swings up to 2 K
         motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
         begun = "a large swing keeps itself up once it has begun, though a small one dies away"
         return f"Why: {motor}{begun} ({known}).{ends}"
-    longer, repaired = e._number_of(LONGER_TI), e._number_of(REPAIRED)
-    if longer is not None:
-        needed = f"with this kp the loop needs about {e._value('ti', longer):g} s"
+    if LONGER_TI in tried:
+        needed = f"with this kp the loop needs about {float(e.cures['ti'].sel(cure=LONGER_TI)):g} s"
         fault = f"the integral is too fast for the coil: ti = {ti:.4g} s, while {needed}"
     else:
         fault = (
             f"the gain is too high: kp = {kp:.4g} 1/K, while it has to be below {number(kp * factor)} 1/K with this ti"
         )
-    if e.hunts and repaired is not None and not e.cures["hunting"][repaired]:
+    if e.hunts and REPAIRED in tried and not e.cures["hunting"].sel(cure=REPAIRED):
         motor = f" and the motor's {stroke:g} s" if stroke else ""
-        ends = f"  Any backlash starts it; its {per_cent(e._value('backlash'))}{motor} set the size of the swing."
+        ends = f"  Any backlash starts it; its {per_cent(backlash)}{motor} set the size of the swing."
     elif e.hunts:
         ends = "  It swings behind a perfect valve, too."
     return f"Why: {fault} ({known}).{ends}"
 
 
-def _why_not_predicted(e: Explanation, prediction: Prediction, known: str, factor: float) -> str:
+def _why_not_predicted(e: Explanation, prediction: Prediction, known: str, factor: float, ti: float) -> str:
     """The reason where theory predicts no hunting.  factor: that kp may grow by."""
     if e.hunts:
         return f"Why: theory does not predict it ({known}): noise, steps or changing conditions keep the swing going."
@@ -348,7 +338,7 @@ def _why_not_predicted(e: Explanation, prediction: Prediction, known: str, facto
         return f"Why: {known}, but theory finds no swing that counts."
     shortest = shortest_ti(prediction, HUNTS_ABOVE)
     ways = [f"with {factor:.3g} times this kp"] if math.isfinite(factor) else []
-    ways += [f"with a ti below {number(shortest)} s"] if shortest < e._value("ti") else []
+    ways += [f"with a ti below {number(shortest)} s"] if shortest < ti else []
     return f"Why: {known}{', and it would ' * bool(ways)}{', or '.join(ways)}."
 
 

@@ -82,7 +82,12 @@ class Limit(NamedTuple):
 
 def goal_of(objective: object, quantile: object) -> Measure:
     """The measure that the search makes small."""
-    return Measure(_metric_of("objective", objective, goal=True), quantile_of("quantile", quantile))
+    metric = choice_of("objective", objective, COUNTED)
+    if metric in NO_GOALS:
+        raise InputError(
+            f"objective = {shown(metric)}: less of it is not better; choose another, such as {', '.join(_ANSWERS)}"
+        )
+    return Measure(metric, quantile_of("quantile", quantile))
 
 
 def quantile_of(name: str, quantile: object) -> float | None:
@@ -102,10 +107,9 @@ def limits_of(limits: object, quantile: object) -> list[Limit]:
     found = []
     with checking() as check:
         for metric, value in given.items():
-            check(_metric_of, "limits: metric", metric)
+            check(choice_of, "limits: metric", metric, (*COUNTED, MARGIN))
             has_own = isinstance(value, (list, tuple)) and len(value) == 2
-            pair: tuple[Any, Any] = value if has_own else (value, quantile)
-            most, share = pair
+            most, share = value if has_own else (value, quantile)
             if has_own:
                 share = check(quantile_of, f"limits: quantile of {metric}", share)
             else:  # a mistake in the quantile of the objective is reported there
@@ -114,15 +118,6 @@ def limits_of(limits: object, quantile: object) -> list[Limit]:
             most = math.inf if as_now else check(number_of, f"limits: {metric}", most, _MOST)
             found.append(Limit(Measure(metric, share), most, as_now))
     return found
-
-
-def _metric_of(name: str, metric: object, *, goal: bool = False) -> str:
-    metric = choice_of(name, metric, COUNTED if goal else (*COUNTED, MARGIN))
-    if goal and metric in NO_GOALS:
-        raise InputError(
-            f"{name} = {shown(metric)}: less of it is not better; choose another, such as {', '.join(_ANSWERS)}"
-        )
-    return metric
 
 
 def reported(goal: Measure, limits: Sequence[Limit]) -> list[Measure]:

@@ -26,11 +26,6 @@ def quiet():
     return explain(LBNL, DAY)
 
 
-@pytest.fixture(scope="module")
-def unpredicted():
-    return explain(LBNL.assign(estimator="gradient"), DAY)
-
-
 def rows(found):
     """Name of a cure → its row of the table."""
     return {name: next(line for line in found.text.splitlines() if line.startswith(words)) for name, words in
@@ -104,8 +99,8 @@ def test_a_second_is_explained_by_its_own_conditions():
 
 
 @pytest.mark.filterwarnings("ignore:T_set is 3 degC at best")
-def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers(unpredicted):
-    found = unpredicted
+def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers():
+    found = explain(LBNL.assign(estimator="gradient"), DAY)
     assert found.predicted is None
     assert math.isnan(found.margin)
     assert "theory cannot tell, since an estimator changes the estimate as it goes." in found.why

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 from helpers.refusals import problems
 
 import fastcoil as fc
@@ -73,12 +72,6 @@ def test_everything_says_what_it_is(found):
         assert "units" in variable.attrs or name in ("A", "B"), name
     assert found.frequency.attrs["units"] == "rad s-1"
     assert found.kp.attrs["units"] == "K-1"
-
-
-def test_a_result_survives_netcdf(found, tmp_path):
-    found.to_netcdf(tmp_path / "linear.nc")
-    with xr.open_dataset(tmp_path / "linear.nc") as read:
-        xr.testing.assert_equal(found.drop_attrs(), read.load().drop_attrs())
 
 
 def test_phase_and_magnitude_are_those_of_the_response(sweep, days):

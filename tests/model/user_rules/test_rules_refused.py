@@ -140,9 +140,14 @@ async def waits(now, p, memory):
     return 0.1, memory
 
 
-def test_functions_that_wait():
-    with pytest.raises(fc.InputError, match=r"waits: write it as def waits\(now, p, memory\)"):
-        fc.estimator(Parameters, Memory)(waits)
+def halved(x):
+    return 0.5 * x
+
+
+@pytest.mark.parametrize("function", [waits, halved])
+def test_what_cannot_be_called_as_a_rule(function):
+    with pytest.raises(fc.InputError, match=rf"write it as def {function.__name__}\(now, p, memory\)"):
+        fc.estimator(Parameters, Memory)(function)
 
 
 def test_a_parameter_that_is_none():

@@ -7,10 +7,6 @@ from helpers.rules import Memory, Parameters, by_error, by_switches, declared, f
 import fastcoil as fc
 
 
-def halved(x):
-    return 0.5 * x
-
-
 def equally_fine(now, p, memory):
     return 0.1, memory
 
@@ -25,8 +21,6 @@ def test_functions_that_are_no_rules():
         with pytest.raises(fc.InputError, match=sentence) as refused:
             fc.Loop(**given)
         assert len(refused.value.problems) == 1
-    with pytest.raises(fc.InputError, match="halved: write it as def halved"):
-        fc.estimator(Parameters, Memory)(halved)
     with pytest.raises(fc.InputError, match="two rules are called by_error"):
         fc.Loop(estimator=[by_error, fc.estimator(Parameters, Memory)(by_error.parts[0].__class__(
             fine.__code__, {}, "by_error"))])  # fmt: skip
