@@ -281,6 +281,7 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
 def _labelled(boundary: Boundary, holdout: Any) -> Index:
     """Places of the days with these labels."""
     listed = isinstance(holdout, (list, tuple, range)) or (isinstance(holdout, np.ndarray) and holdout.ndim == 1)
+    listed = listed and len(holdout) <= boundary.n_days
     labels, known = [plain(label) for label in holdout] if listed else [], boundary.day.tolist()
     if not labels or not all(is_number(label) and label in known for label in labels):
         cure = f"give a Boundary of other days, or some of the boundary's days {shown(known)}"

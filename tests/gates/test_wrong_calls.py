@@ -178,6 +178,7 @@ def base_calls(tmp_path_factory):
         "run_study": (fc.run_study, {"path": toml, "out": out}),
         "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
         "sobol_indices": (fc.sobol_indices, {"ds": sampled}),
+        "survey": (fc.survey, {"logs": {"valve": hunting}, "n_jobs": 1}),
         "tune": (fc.tune, tuning),
         "weather_day": (fc.weather_day, {"path": weather, "start_hour": 2, **plant, **days}),
         "weather_year": (fc.weather_year, {"path": weather, "year": 2023, "T_design": 30.0}),

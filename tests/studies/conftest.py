@@ -37,9 +37,9 @@ def small(tmp_path_factory):
 @pytest.fixture
 def weather(tmp_path):
     """A file with the weather of a year, whose days differ."""
-    lines = [f"{h},1,1,{(h - 1) % 24 + 1},{20 + h % 7 + h // 100 % 3},12" for h in range(1, 8761)]
+    lines = [f"{h},{(h - 1) % 24 + 1},{20 + h % 7 + h // 100 % 3},12" for h in range(1, 8761)]
     path = tmp_path / "weather.csv"
-    path.write_text("hour_of_year,month,day,hour,T_drybulb_C,T_dewpoint_C\n" + "\n".join(lines) + "\n")
+    path.write_text("hour_of_year,hour,T_drybulb_C,T_dewpoint_C\n" + "\n".join(lines) + "\n")
     return path
 
 

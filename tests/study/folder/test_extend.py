@@ -210,7 +210,7 @@ def check_refused(study, tmp_path, other, sentence):
 
 
 @pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
-def test_without_extend_another_version_is_refused_with_what_differs(study, tmp_path, monkeypatch, n_shards):
+def test_without_extend_another_version_is_refused(study, tmp_path, monkeypatch, n_shards):
     cut(monkeypatch, 6)
     run_shards(study(BASE), tmp_path / "out", n_shards)
     before = image(tmp_path / "out")
@@ -219,8 +219,7 @@ def test_without_extend_another_version_is_refused_with_what_differs(study, tmp_
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 2
     assert "add --extend if only values were added" in result.stderr
-    assert "fastcoil: -backlash = [0.02, 0.05, 0.09]" in result.stderr
-    assert "fastcoil: +backlash = [0.02, 0.05, 0.09, 0.15]" in result.stderr
+    assert str(tmp_path / "out" / "study.toml") in result.stderr
     assert "Traceback" not in result.output
     assert image(tmp_path / "out") == before
 
