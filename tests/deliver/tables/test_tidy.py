@@ -1,4 +1,4 @@
-"""CSV and Parquet: every scenario-day once, as xarray's own ``to_dataframe`` has it; units and the study."""
+"""CSV: every scenario-day once, as xarray's own ``to_dataframe`` has it; units and the study."""
 
 import numpy as np
 import pandas as pd
