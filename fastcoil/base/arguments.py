@@ -160,7 +160,10 @@ def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) ->
 def names_of(argument: str, given: object) -> list[str]:
     """One name or an iterable of different names, as a list."""
     given = plain(given)
-    several = [given] if isinstance(given, str) else list(given) if isinstance(given, Iterable) else [None]
+    is_0d = getattr(given, "ndim", None) == 0  # of xarray: it has __iter__, which raises
+    several = (
+        [given] if isinstance(given, str) else list(given) if isinstance(given, Iterable) and not is_0d else [None]
+    )
     names = [name for name in map(plain, several) if isinstance(name, str)]
     if len(names) < len(several):
         raise InputError(WrongType(f"{argument} = {shown(given)}: must be a name or a list of names"))

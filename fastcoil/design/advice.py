@@ -266,7 +266,9 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
 
     def effect(k: int, words: str = "") -> str:
         moved = f", motor travel × {number(options[k].travel / now.travel)}" if now.travel > 0.0 else ""
-        return f"{words or options[k].words}: {error} {100 * (options[k].error / now.error - 1.0):+.0f} %{moved}."
+        doubt = f"  This day stays calm, but a margin of {options[k].margin:.2g} is above {HUNTS_ABOVE:g}."
+        said = f"{words or options[k].words}: {error} {100 * (options[k].error / now.error - 1.0):+.0f} %{moved}."
+        return said + doubt * (rank(k)[0] == 2 and not options[k].hunts)
 
     able = [k for k, one in enumerate(options) if k and math.isfinite(one.error) and not one.hunts]
     better = [k for k in able if options[k].error < BETTER * now.error]
@@ -288,8 +290,6 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
     least = min(with_gap, key=rank, default=0)
     if rank(best)[0] == 0 and least and options[least].error < BETTER * options[best].error:
         text += f"  If the backlash is known to 5 %: {effect(least)}"
-    if rank(best)[0] == 2:
-        text += f"  This day stays calm, but a margin of {options[best].margin:.2g} is above {HUNTS_ABOVE:g}."
     if options[best].name == DEAD_BAND:
         text += "  It only hides the swing: the margin and every error within the band stay."
     if options[best].name == REPAIRED:

@@ -25,6 +25,7 @@ from fastcoil.design.plants import (
     state_space_of,
 )
 from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.labelled import as_labelled, in_our_unit, units_of
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
@@ -341,7 +342,9 @@ def _response(name: str, transfer: Callable[[Array], Complex], w: Array) -> Iter
 def _frequencies(name: str, value: Any) -> Array:
     cure = "give angular frequencies in rad/s, ascending and above 0"
     with np.errstate(over="ignore"):  # what does not fit is infinite, and refused as such
-        w = array_of(name, value, cure).astype(float)
+        labelled = as_labelled(name, value, name)
+        given = value if labelled is None else in_our_unit(name, labelled, units_of("rad s-1"))
+        w = array_of(name, given, cure).astype(float)
     if w.ndim != 1:
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     if not w.size or not (np.isfinite(w).all() and w[0] > 0.0 and (np.diff(w) > 0.0).all()):

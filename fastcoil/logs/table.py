@@ -21,7 +21,7 @@ from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import is_datum, is_missing
-from fastcoil.logs.series import counted, is_unit
+from fastcoil.logs.series import TIME, counted, is_unit
 from fastcoil.logs.timestamps import is_clock, is_date, is_time
 
 if TYPE_CHECKING:
@@ -395,6 +395,12 @@ def _columns_of(ds: xr.Dataset, asked: Mapping[str, str], names: Collection[str]
         raise InputError(
             [f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left" for name in wrong]
         )
+    scale, _ = TIME.get(str(ds[time].attrs.get("units")), (0.0, 0.0))
+    for name in {"timestamp", "time"} & {*ds.coords} if scale else ():  # dates beside the seconds, minutes or hours
+        if ds[name].dims == (time,) and ds[name].dtype.kind == "M":
+            steps = np.diff(ds[name].values) / np.timedelta64(1, "s")
+            if not np.allclose(steps, scale * np.diff(ds[time].values), rtol=0.0, atol=1.0):
+                raise InputError(f"{name} and {time} of the Dataset differ in their steps: drop the one that is wrong")
     values, label = ds[time].values, time if time in asked.values() else "elapsed_time"
     if values.dtype.kind == "M" and asked.get("elapsed_time") != time:
         first = time if asked.get("timestamp") == time else "timestamp"
@@ -412,4 +418,5 @@ def _with_unit(name: str, series: xr.DataArray) -> str:
 
 def _cells(values: Any) -> list[str]:
     """Numbers as text that reads back to the bit; times with the zone that they have."""
-    return [repr(float(v)) for v in values] if values.dtype.kind in "biuf" else [str(v) for v in values]
+    is_number = values.dtype.kind in "iuf"
+    return [repr(v) for v in np.asarray(values, float).tolist()] if is_number else [str(v) for v in values]

@@ -325,6 +325,13 @@ def _check_axes(values: Mapping[str, Any]) -> None:
                         f"{name} has the labels {shown(labels.tolist())} along {dim!r} where {one} has "
                         f"{shown(before.tolist())}: give the same, in one order"
                     )
+    for dim, (name, labels) in labelled.items():
+        bare = [n for n, v in values.items() if isinstance(v, xr.DataArray) and dim in v.dims and dim not in v.coords]
+        numbers = np.arange(labels.size)  # which bare values have as labels in a result
+        is_mixed = np.array_equal(np.sort(labels), numbers) and not np.array_equal(labels, numbers)
+        if bare and is_mixed and dim not in PARAMETERS:
+            counted = f"{shown(labels.tolist())} along {dim!r} where {bare[0]} counts from 0"
+            problems.append(f"{name} has the labels {counted}: give {name} in that order, or without labels")
     if problems:
         raise InputError(problems)
 

@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arrays import Array
+from fastcoil.base.arrays import Array, array_of
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs.series import COLUMNS, DIFFERENCE, FRACTION, PRESSURE, TEMPERATURE, TIME, WATER_FLOW, Units, spelled
 from fastcoil.logs.timestamps import offset_text
@@ -27,9 +27,10 @@ _SPECIFIC_HEAT: Units = {
 }
 _GAIN: Units = {"K-1": (1.0, 0.0), "1/K": (1.0, 0.0), "%/K": (0.01, 0.0), "percent/K": (0.01, 0.0)}
 _RATE: Units = {"s-1": (1.0, 0.0), "1/s": (1.0, 0.0), "1/min": (1 / 60, 0.0), "%/s": (0.01, 0.0)}
+_FREQUENCY: Units = {"rad s-1": (1.0, 0.0), "rad/s": (1.0, 0.0), "Hz": (2.0 * np.pi, 0.0)}
 _FAMILIES = (
     *(FRACTION, TIME, TEMPERATURE, DIFFERENCE, WATER_FLOW, PRESSURE),
-    *(_HEAT_CAPACITY, _SPECIFIC_HEAT, _GAIN, _RATE),
+    *(_HEAT_CAPACITY, _SPECIFIC_HEAT, _GAIN, _RATE, _FREQUENCY),
 )
 _UNITS = {next(iter(units)): units for units in _FAMILIES}
 
@@ -54,7 +55,7 @@ def as_labelled(name: str, value: Any, dim: str) -> xr.DataArray | None:
     if isinstance(value, pd.Series):
         return _of_pandas(name, value, [(value.index, dim)])
     if isinstance(value, pd.DataFrame):
-        axes = [(value.index, dim if _is_time(value.index) else None), (value.columns, None)]
+        axes = [(index, dim if _is_time(index) else None) for index in (value.index, value.columns)]
         return _of_pandas(name, value, axes)
     first = value[0] if isinstance(value, (list, tuple)) and value else value
     if isinstance(first, (xr.DataArray, xr.Variable, pd.Series)) or isinstance(value, xr.Dataset):
@@ -84,6 +85,8 @@ def _of_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.
             coords["start"] = xr.Variable((), np.datetime64(first.tz_localize(None), "ns"), zone)
         if index.name is not None or not labels.equals(pd.RangeIndex(index.size)):
             coords[dim] = xr.Variable(dim, labels.values)
+        if dim in dims:
+            raise InputError(f"{name} has {dim} along both axes of the DataFrame: give the other one its own name")
         dims.append(dim)
     return xr.DataArray(value.to_numpy(), coords, dims, attrs=dict(value.attrs))
 
@@ -105,7 +108,7 @@ def in_our_unit(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
     if (scale, offset) == (1.0, 0.0):
         return np.asarray(array.values)
     with np.errstate(over="ignore"):  # what overflows is out of bounds
-        return np.asarray(array.values * scale + offset)
+        return array_of(name, array.values, "give numbers").astype(float) * scale + offset
 
 
 class Course(NamedTuple):
@@ -132,14 +135,15 @@ def course_of(name: str, array: xr.DataArray) -> Course:
     if not set(array.dims) <= {"day", "elapsed_time"}:
         raise InputError(f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day")
     second, start, zone = None, None, None
-    for time in ("elapsed_time", "time"):
+    for time in ("elapsed_time", "timestamp", "time"):
         along = array.coords.get(time)
-        if along is None or along.dims != ("elapsed_time",) or not along.size:
+        if along is None or "elapsed_time" not in along.dims or not along.size:
             continue
+        along = along.transpose(..., "elapsed_time")
         if along.dtype.kind == "M":
-            _check_steps(time, np.diff(along.values) / np.timedelta64(1, "s"))
-            start, zone = along.values[0], along.attrs.get("time_zone", "")
-        else:
+            _check_steps(time, np.diff(along.values).ravel() / np.timedelta64(1, "s"))
+            start, zone = along.values[..., 0], along.attrs.get("time_zone", "")
+        elif time == "elapsed_time":
             seconds = _seconds(time, along)
             _check_steps(time, np.diff(seconds))
             second = float(seconds[0])

@@ -91,7 +91,7 @@ class Loop:
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
         loop = knowing(cls(), rules)
         loop._values = constants | _defaults_of_missing(constants, swept, table)
-        return loop.assign(**{n: da.item() if da.ndim == 0 else da for n, da in swept.items()})
+        return loop.assign(**swept)
 
     @take_parameters(dict.fromkeys((*PARAMETERS, WORD), UNCHANGED))
     def assign(self, **values: Unpack[Keywords]) -> Loop:

@@ -390,7 +390,12 @@ def check_result(ds: xr.Dataset) -> None:
     odd = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
     if odd:
         raise InputError(f"ds has no numbers as {', '.join(odd)}: {_CURE}")
-    units = {name: entry.unit for table in (PARAMETERS, METRICS) for name, entry in table.items() if name in ds}
+    require_our_units(ds, PARAMETERS, METRICS)
+
+
+def require_our_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:
+    """Refuse what these tables name, if it is in other units than theirs."""
+    units = {name: entry.unit for table in tables for name, entry in table.items() if name in ds}
     other = [name for name, unit in units.items() if ds[name].attrs.get("units", unit) != unit]
     if other:
         raise InputError([f"ds.{n} is in {shown(ds[n].attrs['units'])}: give it in {units[n]}" for n in other])

@@ -69,6 +69,8 @@ def test_what_is_said_of_a_cure(now, then, words):
         ([QUIET, option("simc", 0.39), option("repaired_valve", 0.1)], AS_IS,
          "takes 5 % off the error; a repaired valve would: RMSE -75 %, motor travel × 0.25."),
         ([QUIET, option("simc", 0.3), option("repaired_valve", 0.1)], "simc", "If the error matters: words of simc"),
+        ([QUIET, option("simc", 0.3, margin=0.9)], "simc", "but a margin of 0.9 is above 0.85."),
+        ([HUNTING, option("simc", 0.3), option("inverse", 0.1, margin=3.0)], "simc", "a margin of 3 is above 0.85."),
         ([QUIET, option("simc", 0.3, True)], AS_IS, "takes 5 % off the error and stays calm."),
     ],
 )  # fmt: skip

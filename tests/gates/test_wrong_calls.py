@@ -48,7 +48,8 @@ HOSTILE = {
     "masked array": np.ma.array([1.0, 2.0], mask=[True, False]), "pd.NA": pd.NA,
     "DataFrame": pd.DataFrame({"a": [1.0]}),
     "Dataset": xr.Dataset({"x": ("t", [1.0, 2.0])}, attrs={"parameters": "{", "title": "\ud800"}),
-    "DataArray": xr.DataArray(["a", "b"], dims="sample"),
+    "DataArray": xr.DataArray(["a", "b"], dims="sample"), "0-d DataArray": xr.DataArray(75.0, attrs={"units": "degF"}),
+    "DataFrame with pd.NA": pd.DataFrame({"elapsed_time [s]": pd.array([0, None], dtype="Int64")}),
     "DataArray along time": xr.DataArray([1.0, 2.0], {"elapsed_time": ["a", "b"]}, "elapsed_time"),
     "DataArray in bad units": xr.DataArray([1.0, 2.0], dims="elapsed_time", attrs={"units": 5}),
 }  # fmt: skip
@@ -82,7 +83,7 @@ def _methods(name, cls):
 
 def parameters(call):
     """The names of its arguments."""
-    return [n for n in inspect.signature(call).parameters if n != "self"]
+    return [n for n in inspect.signature(call).parameters if n not in ("self", "options")]
 
 
 @pytest.fixture(scope="module")

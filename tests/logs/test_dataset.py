@@ -53,6 +53,18 @@ def test_a_dataset_of_other_names_and_units_is_read_as_a_file_would_be():
             "m_w = 'off' in row",
         ),
         (lambda ds: ds.where(ds["elapsed_time"] != 300.0), "command = 'nan' in row 5"),
+        (
+            lambda ds: ds.assign(command=(ds["command"] > 0.5).assign_attrs(units="1")),
+            "command = '(True|False)' in row",
+        ),
+        (
+            lambda ds: ds.assign_coords(time=("elapsed_time", np.arange(60).astype("M8[s]").astype("M8[ns]"))),
+            "time and elapsed_time of the Dataset differ in their steps",
+        ),
+        (
+            lambda ds: ds.to_dataframe().convert_dtypes().rename(columns="{} [1]".format).shift(),
+            "command = 'nan' in row 0",
+        ),
         (lambda ds: ds["m_w"], "log is a DataArray"),
         (lambda ds: ds.to_dataframe(), "DataFrame: command has no unit: name the column 'command"),
         (lambda ds: ds.to_dataframe().iloc[:1], "fewer than two samples"),

@@ -13,6 +13,7 @@ from fastcoil.loops.scenarios import check_result
 N = 120
 ZONE = "Europe/Berlin"
 TIMES = pd.date_range("2024-07-01 08:00", periods=N, freq="s")
+MINUTES = pd.date_range("2024-07-01 08:00", periods=N, freq="min").values
 HALF = np.full(N, 0.5)
 DAY = fc.constant_day(N / 3600).assign(day=4, start="2024-07-01T08:00", time_zone=ZONE)
 SERIES = DAY.to_dataset()
@@ -77,6 +78,10 @@ WRONG = {
     "a later date": (array(elapsed_time=TIMES.values + np.timedelta64(1, "h")), ["2024-07-01T09:00:00"]),
     "a later start": (array(start=TIMES.values[1]), ["first sample at 2024-07-01T08:00:01"]),
     "another day": (array(day=5), ["day 5"]),
+    "a clock of minutes": (array(timestamp=MINUTES), ["timestamp has a step of 60 s"]),
+    "a clock of minutes for each day": (
+        array().expand_dims(day=[4]).assign_coords(time=(("day", "elapsed_time"), [MINUTES])), ["a step of 60 s"],
+    ),
     "text as time": (array(elapsed_time=TIMES.strftime("%H:%M:%S").to_numpy(dtype=object)), ["is of type object"]),
     "another dim": (array().rename(elapsed_time="kp"), ["dims ('kp',)"]),
     "pandas, minutes": (pd.Series(HALF, pd.date_range("2024-07-01 08:00", periods=N, freq="min")), ["a step of 60 s"]),
@@ -85,6 +90,9 @@ WRONG = {
     "pandas, a later date": (pd.Series(HALF, TIMES + pd.Timedelta("1s")), ["2024-07-01T08:00:01"]),
     "pandas, in another zone": (pd.Series(HALF, TIMES.tz_localize("UTC")), ["time zone UTC"]),
     "a DataFrame without names": (pd.DataFrame({4: HALF}), ["name the axes"]),
+    "a DataFrame of one name": (
+        pd.DataFrame([[0.5]]).rename_axis(index="elapsed_time", columns="elapsed_time"), ["along both axes"],
+    ),
     "a DataFrame of another day": (
         pd.DataFrame({5: HALF}).rename_axis(index="elapsed_time", columns="day"), ["day", "[5]"],
     ),
@@ -173,6 +181,8 @@ def test_parameters_are_converted_from_their_unit(name, value, unit, ours):
         (xr.DataArray([5.0, 50.0], {"backlash": [0.05, 0.2]}, "backlash"), ["the labels [0.05, 0.2]"]),
         (pd.Series([5.0, 50.0], ["a", "b"]), ["the labels along ti, ['a', 'b']"]),
         (pd.DataFrame([[1.0]]), ["name the axes"]),
+        (pd.DataFrame([[1.0]]).rename_axis(index="x", columns="x"), ["x along both axes"]),
+        (xr.DataArray([5.0, 50.0], {"sample": [1, 0]}, "sample"), ["[1, 0] along 'sample' where kp counts from 0"]),
         ([xr.DataArray(2.0, attrs={"units": "min"})], ["ti is a list with labels"]),
         (("x", xr.DataArray([1.0, 2.0], dims="x", attrs={"units": "min"})), ["has labels of its own"]),
         (
@@ -183,7 +193,14 @@ def test_parameters_are_converted_from_their_unit(name, value, unit, ours):
     ],
 )
 def test_labels_that_a_parameter_cannot_have_are_refused(value, words):
-    assert_only_problem(words, fc.Loop(backlash=[0.05, 0.1]).assign, ti=value)
+    loop = fc.Loop(backlash=[0.05, 0.1], kp=("sample", [0.01, 0.02]))
+    assert_only_problem(words, loop.assign, ti=value)
+
+
+def test_numbers_of_low_precision_are_converted_as_doubles():
+    seven = xr.DataArray(np.float32(7.0), attrs={"units": "%"})
+    assert fc.Loop(backlash=seven)["backlash"] == pytest.approx(0.07, rel=1e-12)
+    assert DOORS["command"](seven)[0, 0] == pytest.approx(0.07, rel=1e-12)
 
 
 def test_series_are_converted_from_their_unit():
@@ -200,6 +217,7 @@ def test_results_given_back_keep_their_labels():
     ds = fc.simulate(fc.Loop(ti=[60.0, 120.0]), DAY, warm_up=0, traces=["command"])
     minutes = ds.assign_coords(ti=("ti", ds.ti.values / 60, {"units": "min"}))
     assert fc.Loop.from_dataset(minutes)["ti"].values.tolist() == [60.0, 120.0]
+    assert fc.Loop.from_dataset(minutes.isel(ti=1))["ti"] == 120.0
     again = fc.simulate(fc.Loop(), DAY, warm_up=0, command=ds["command"].isel(ti=0), traces=["command"])
     np.testing.assert_array_equal(again["command"], ds["command"].isel(ti=0))
     late = ds["command"].isel(ti=0).assign_coords(start=ds.start + np.timedelta64(1, "h"))
@@ -207,6 +225,13 @@ def test_results_given_back_keep_their_labels():
     assert_only_problem(["ds.rmse is in 'mK'", "in K"], check_result, ds.assign(rmse=ds.rmse.assign_attrs(units="mK")))
     at = xr.DataArray([0.5, 1.0], dims="at", attrs={"units": "min"})
     assert fc.linearise(fc.Loop(), DAY, at=at)["elapsed_time"].values.tolist() == [30, 60]
+    assert_only_problem(["at = ", "of type text"], fc.linearise, fc.Loop(), DAY, at=at.astype(str))
+    w = xr.DataArray([1e-3, 2e-3], dims="frequency", attrs={"units": "Hz"})
+    found = fc.linearise(fc.Loop(), DAY, at=9, frequency=w)
+    np.testing.assert_allclose(found["frequency"], 2.0 * np.pi * w.values)
+    assert_only_problem(
+        ["frequency is in 'K'"], fc.linearise, fc.Loop(), DAY, at=9, frequency=w.assign_attrs(units="K")
+    )
 
 
 def test_damp_air_is_reported_at_the_pressure_of_the_loop():

@@ -134,6 +134,7 @@ def draw_map(axes: Axes, values: xr.DataArray, x: str, y: str) -> QuadMesh | Non
     """Draw the median over all dims but ``x`` and ``y`` as colours, with a scale; None where no value is finite."""
     of, of_x, of_y = quantity_of_values(values), quantity_of(values, x), quantity_of(values, y)
     label_axes(axes, of_x.axis, of_y.axis)
+    values = values.sortby([x, y])
     middle = of.factor * values.median(_pooled(values, x, y)).transpose(y, x)
     if say_if_empty(axes, middle):
         return None
@@ -152,6 +153,7 @@ def draw_curve(axes: Axes, values: xr.DataArray, x: str, *, color: str, **look: 
     of, of_x = quantity_of_values(values), quantity_of(values, x)
     label_axes(axes, of_x.axis, of.axis)
     axes.axhline(0.0, color="black", lw=0.8).sticky_edges.y.append(0.0)
+    values = values.sortby(x)
     curve(axes, of_x.factor * values[x], of.factor * values, color=color, **look)
     say_if_empty(axes, values)
 

@@ -11,8 +11,9 @@ from fastcoil.base.errors import InputError, shown
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES
 from fastcoil.deliver.figures import drawing
 from fastcoil.loops.labels import label_in_words
-from fastcoil.loops.scenarios import check_result
+from fastcoil.loops.scenarios import check_result, require_our_units
 from fastcoil.model.metric_table import METRICS, metric_meant
+from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.analysis.selected import binned, drawn_parameters
 
 if TYPE_CHECKING:
@@ -107,6 +108,7 @@ def _values_of(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
             raise InputError(f"metric = {shown(metric)}: leave it out, data is one variable already")
         if data.dtype.kind not in "iufb":
             raise InputError(f"data is of type {data.dtype}: give numbers")
+        require_our_units(data.coords.to_dataset(), PARAMETERS)
         return data, ""
     cure = "give a Dataset of fastcoil.simulate or open_study, or one of its variables"
     check_result(instance_of("data", data, xr.Dataset, cure))

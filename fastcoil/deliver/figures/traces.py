@@ -15,8 +15,10 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, wrapped
 from fastcoil.deliver.figures.drawing import caption, in_style, legend_above, places, say_if_empty
+from fastcoil.logs.series import COLUMNS
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words, quantity
+from fastcoil.loops.scenarios import require_our_units
 from fastcoil.model.metric_table import TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -68,6 +70,10 @@ def _traced(data: Any) -> xr.Dataset:
         raise InputError('data has no traces: simulate with traces=["T_sup", "command"], or give a result that has')
     if not ds.sizes["elapsed_time"]:
         raise InputError("data has no point along elapsed_time: give a part of the result that has some")
+    require_our_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
+    numbers = all(ds[name].dtype.kind in "iuf" for name in (*TRACES, "elapsed_time") if name in ds)
+    if not numbers or (np.diff(ds["elapsed_time"]) <= 0.0).any():
+        raise InputError(f"data has traces that are no numbers, or times that do not ascend: {_CURE}")
     return ds
 
 
@@ -205,6 +211,10 @@ def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Array, Ar
         day = boundary.sel(int(one.ds["day"])) if boundary.has_day_dim and "day" in one.ds.coords else boundary
         if day.n_days > 1:
             raise InputError(f"boundary has {day.n_days} days and the traces do not say of which they are: select one")
+        attrs = one.ds.attrs
+        known = {} if attrs.keys() & {"command_sha256", "carry_over"} else json.loads(attrs.get("day_sha256", "{}"))
+        if known and day.day_sha256[0] not in known:
+            raise InputError("boundary has another day than the traces: give the boundary that was simulated")
         values = day.of_day(0)["T_set"][seconds]
         if not any(np.array_equal(values, other) for _, other in drawn):
             drawn.append((one.times, values))

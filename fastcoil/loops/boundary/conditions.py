@@ -75,7 +75,7 @@ def whole_seconds(hours: float | None) -> int:
 
 def several_of(name: str, value: object, cure: str) -> list[object]:
     """The items of an iterable of at most ``_MOST_ITEMS``."""
-    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     items = list(islice(value, _MOST_ITEMS + 1))
     if len(items) > _MOST_ITEMS:

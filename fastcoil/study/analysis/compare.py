@@ -258,9 +258,9 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
         if not isinstance(single, str | int | float | np.datetime64):
             sentence = f"baseline: {dim} = {given} is not a single label; give one, such as {labels[0]}"
             problems.append(WrongType(sentence))
-        elif single not in labels or isinstance(single, bool) and labels.dtype.kind != "b":
-            listed = ", ".join(map(str, labels[:10]))
-            problems.append(f"baseline: {dim} has no label {given}; choose one of {listed}")
+        elif (n := labels.tolist().count(single)) != 1 or isinstance(single, bool) and labels.dtype.kind != "b":
+            listed, has = ", ".join(map(str, labels[:10])), f"{n} labels" if n > 1 else "no label"
+            problems.append(f"baseline: {dim} has {has} {given}; choose one of {listed}")
     for name in names:
         if name not in ds.data_vars:
             problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")

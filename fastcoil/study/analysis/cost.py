@@ -193,9 +193,10 @@ def _require_billable(ds: xr.Dataset) -> None:
     problems += [f"ds has nothing along {dim}: choose a label at least" for dim, size in ds.sizes.items() if not size]
     taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
     problems += [f"ds has a dimension or coordinate {name}, which the costs have, too: rename it" for name in taken]
-    if "action" not in ds.coords and _constant_action(ds) is None:
+    action = ds.coords["action"].values if "action" in ds.coords else _constant_action(ds)
+    if not {*np.ravel(np.asarray(action, dtype=object))} <= {"cooling", "heating"}:
         problems.append(
-            "ds does not say whether its coils cool or heat, since its attributes are gone: keep them, or give "
+            "ds does not say whether its coils cool or heat: keep its attributes, or give "
             "ds.assign_coords(action='cooling')"
         )
     start = ds.coords.get("start")

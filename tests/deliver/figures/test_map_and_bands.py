@@ -28,6 +28,14 @@ def test_a_map_has_the_median_in_every_cell(ds):
     assert "median of 6 days" in axes.get_title(loc="left").replace("\n", " ")
 
 
+def test_values_in_another_order_are_drawn_where_they_belong(ds):
+    mixed = ds.isel(backlash=[2, 0, 3, 1])
+    one, other = (np.asarray(fc.plot.map(each).collections[0].get_array()) for each in (ds, mixed))
+    np.testing.assert_array_equal(one, other)
+    one, other = (fc.plot.bands(each, x="backlash").lines[-1].get_xydata() for each in (ds, mixed))
+    np.testing.assert_array_equal(one, other)
+
+
 def test_a_share_and_a_change_against_a_baseline_are_shown_in_per_cent(ds):
     axes = fc.plot.map(ds.share_off, x="backlash", y="estimate_ratio")
     assert axes.figure.axes[-1].get_ylabel().replace("\n", " ") == "share of time with |e| > 0.5 K [%]"
@@ -89,6 +97,8 @@ def test_figures_of_their_own_are_a_column_wide_legible_and_of_our_colours(ds):
         (fc.plot.bands, "x: this result sweeps backlash, estimate_ratio, name a swept number for each"),
         (lambda ds: fc.plot.bands(ds, x="backlash", by="dya"), "by = 'dya' is no dimension of this result, did you "
          "mean 'day'?; it has "),
+        (lambda ds: fc.plot.map(ds.rmse.assign_coords(backlash=ds.backlash.assign_attrs(units="%"))),
+         "ds.backlash is in '%': give it in 1"),
         (lambda ds: fc.plot.bands(ds.rmse, "iae"), "metric = 'iae': leave it out, data is one variable already"),
         (lambda ds: fc.plot.bands("ds"), "data is a str: give a Dataset of fastcoil.simulate or open_study, or one of "
          "its variables"),

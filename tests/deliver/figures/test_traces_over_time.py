@@ -92,6 +92,10 @@ def test_a_figure_of_its_own_is_a_column_wide_legible_of_our_colours_and_leaves_
 
 
 draw = fc.plot.traces
+NO_TRACES = (
+    "data has traces that are no numbers, or times that do not ascend: give a Dataset of fastcoil.simulate with "
+    "traces, or one of them such as ds.T_sup"
+)
 
 
 @pytest.mark.parametrize(
@@ -107,6 +111,16 @@ draw = fc.plot.traces
          "has T_sup, command, opening, estimate"),
         (lambda ds: draw(ds[{"backlash": 0}], fc.paper_day(hours=0.5)), "boundary ends after 1,800 s and the "
          "traces go to 3,580 s: give the boundary that was simulated"),
+        (lambda ds: draw(ds[{"backlash": 0}], fc.paper_day(hours=1, seed=2)), "boundary has another day than the "
+         "traces: give the boundary that was simulated"),
+        (lambda ds: draw(ds.T_sup.assign_attrs(units="K")), "ds.T_sup is in 'K': give it in degC"),
+        (lambda ds: draw(ds.assign_coords(elapsed_time=ds.elapsed_time.assign_attrs(units="min"))), "ds.elapsed_time "
+         "is in 'min': give it in s"),
+        (lambda ds: fc.plot.learning(ds.assign(estimate=ds.estimate.assign_attrs(units="%"))), "ds.estimate is in '%': "
+         "give it in 1"),
+        (lambda ds: draw(ds.T_sup.astype(str)), NO_TRACES),
+        (lambda ds: draw(ds[{"elapsed_time": slice(None, None, -1)}]), NO_TRACES),
+        (lambda ds: draw(ds.assign_coords(elapsed_time=ds.elapsed_time.values.astype("M8[s]"))), NO_TRACES),
         (lambda ds: draw(ds[{"backlash": 0}], ax=Figure().subplots()), "ax has 1 axes: give 2 matplotlib axes, "
          "one for each panel, or leave it out"),
         (lambda ds: draw(ds[{"backlash": 0}], ax="left"), "ax is a str: give 2 matplotlib axes, one for each "

@@ -107,6 +107,12 @@ def test_every_metric_of_a_simulation_can_be_compared(swept):
     )
 
 
+def test_a_baseline_that_is_there_twice_gets_a_sentence():
+    ds = result(("kp", "day"), rmse=np.zeros((2, 3))).assign_coords(kp=[1, 1])
+    with pytest.raises(fc.InputError, match="kp has 2 labels 1; choose one of 1, 1"):
+        fc.compare(ds, baseline={"kp": 1}, over="day")
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

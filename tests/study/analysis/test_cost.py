@@ -165,6 +165,7 @@ def test_the_interval_of_a_median_holds_the_true_one_as_often_as_it_says():
         (lambda ds: ds.assign(status=ds.status.max("day")), {}, "over other dims than status"),
         (lambda ds: ds.expand_dims(month=["a", "b"]), {}, "ds has a dimension or coordinate month"),
         (lambda ds: ds.assign_attrs(parameters="{}"), {}, "ds does not say whether its coils cool or heat"),
+        (lambda ds: ds.assign_coords(action="Heating"), {}, "ds does not say whether its coils cool or heat"),
         (lambda ds: ds.assign(coil_energy=ds.coil_energy.assign_attrs(units="J")), {}, "ds.coil_energy is in 'J'"),
         (lambda ds: ds.isel(day=[]), {}, "ds has nothing along day: choose a label at least"),
     ],
