@@ -285,7 +285,8 @@ def _labelled(boundary: Boundary, holdout: Any) -> Index:
     labels, known = [plain(label) for label in holdout] if listed else [], boundary.day.tolist()
     if not labels or not all(is_number(label) and label in known for label in labels):
         cure = f"give a Boundary of other days, or some of the boundary's days {shown(known)}"
-        raise InputError(f"holdout = {shown(holdout)}: {cure}")
+        said = f"holdout = {shown(holdout)}: {cure}"
+        raise InputError(said if listed else WrongType(said))
     return np.array(sorted({known.index(label) for label in labels}))
 
 

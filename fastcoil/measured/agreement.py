@@ -19,9 +19,8 @@ _USUAL, _USUAL_TWICE, _CLEARER = 0.9, 0.8, 2.0
 _COARSEST = 0.02  # resolution of a command that is reckoned with, fraction of stroke
 _UNANSWERED, _UNANSWERED_PER_SECOND = 0.015, 1 / 2000
 """Share of the variance of the command's changes that the PI of its own temperature leaves at most, in a fast log and
-for each second between samples; as much again without a set-point.  Own temperatures leave more in 1 to 2 %, those of
-another plant on the same schedule less in 2 % (log of 10 s) to 8 % (60 s); chosen on other valves than the table
-``claims_misled``."""
+for each second between samples; so much more without a set-point.  Chosen on other valves than those of the table
+``claims_misled``, which says how often other plants pass."""
 
 
 def require_agreement(log: Log) -> list[str]:

@@ -193,7 +193,7 @@ MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 LONGEST_INTERVAL = 60.0
 SHIFTS, MOST_SHIFTED, LEAST_FORWARD = (60.0, 120.0, 180.0), 10.0, 10.0
 """Seconds by which the command is moved to see whether it explains the temperature better at another time; by how much
-the logarithm of the likelihood may rise, and by how much it has to exceed that of the log read backwards."""
+the logarithm of the likelihood may rise, and by how much it has to exceed that of placebos."""
 MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
 """Share of the samples at which the command may move back what it moved the sample before; the share of the likelihood
 that counts of a log with more."""
@@ -291,13 +291,17 @@ def shown_by(
     samples = law.late if lag is None else round(lag / interval)
     series = np.stack([temperature, *disturbances])
 
-    def compared(moved: int, ends: int = 0, way: int = 1) -> Likelihood | None:
-        """With the temperature moved to so many samples earlier; without some at both ends; backwards if way is -1."""
+    def compared(moved: int, ends: int = 0, way: int = 1, rolled: int = 0) -> Likelihood | None:
+        """With the temperature moved to so many samples earlier; without some at both ends; backwards if way is -1.
+
+        rolled: samples by which the temperature is of another hour, round the ends of the log.
+        """
         at = slice(max(-moved, 0) + ends, n - max(moved, 0) - ends)
         seen = slice(max(moved, 0) + ends, n - max(-moved, 0) - ends)
         motor = motor_positions(command[at][::way], interval, stroke_time)
-        measured = series[:, seen][:, ::way]
-        return likelihoods(measured[0], motor, measured[1:], (good[at] & good[seen])[::way], interval, CANDIDATES)
+        measured = np.roll(series[:, seen], rolled, axis=1)[:, ::way]
+        both = (good[at] & np.roll(good[seen], rolled))[::way]
+        return likelihoods(measured[0], motor, measured[1:], both, interval, CANDIDATES)
 
     # a command that answers old temperatures may be that of a slow controller, and stand where it belongs
     found = [one for moved in ((0, samples) if samples < 0 and lag is None else (samples,)) if (one := compared(moved))]
@@ -321,35 +325,38 @@ def shown_by(
             "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
             "as often as the controller acts, say its sample time, and change the set-point up and down"
         )
-    elif provoked and lag is None and (misplaced := _misplaced(compared, samples, interval)):
+    elif provoked and (misplaced := _misplaced(compared, samples, interval, n, SHIFTS if lag is None else ())):
         doubt = misplaced
-    elif provoked and not _is_of_this_hour(found[-1], temperature, positions, good, interval):
-        doubt = "temperatures of other hours answer the command as well: check that it moves this valve, or log longer"
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
     return Shown(found, provoked, doubt, counts, samples * interval, LOST if unseen and interval > HORIZON else 0.0)
 
 
-def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: int, interval: float) -> str:
+def _misplaced(
+    compared: Callable[..., Likelihood | None], samples: int, interval: float, n: int, shifts: Sequence[float]
+) -> str:
     """Whether the command explains the temperature of another time as well, in words; empty if it does not.
 
-    A shift counts that explains more, and with another gap.  It can be told only where something else than the
-    temperature moved the command.
+    Other times are the same log backwards and its other hours, which are placebos, and clocks that differ by one of the
+    ``shifts``, s: a shift counts that explains more, and with another gap.  It can be told only where something else
+    than the temperature moved the command.
     """
     ends = int(SHIFTS[-1] / interval) + abs(samples)
 
-    def best(moved: int, way: int = 1) -> tuple[float, float]:
+    def best(moved: int, **how: int) -> tuple[float, float]:
         """The largest likelihood and the gap that has it."""
-        found = compared(moved, ends - abs(moved), way)
+        found = compared(moved, ends - abs(moved), **how)
         return (float(found.plain.max()), float(CANDIDATES[found.plain.argmax()])) if found else (0.0, 0.0)
 
     here, size = best(samples)
-    if best(samples, -1)[0] > here - LEAST_FORWARD:
+    if best(samples, way=-1)[0] > here - LEAST_FORWARD:
         return (
             "the log explains itself backwards as well: check that the command moves this valve, and that the rows are "
             "in the order of time"
         )
-    for shift in SHIFTS:
+    if max(best(samples, rolled=quarters * n // 4)[0] for quarters in (1, 2, 3)) > here - LEAST_FORWARD:
+        return "temperatures of other hours answer the command as well: check that it moves this valve, or log longer"
+    for shift in shifts:
         there, other = best(samples - round(shift / interval))
         if there > here + MOST_SHIFTED and abs(other - size) > max(TOLERANCE * size, GOOD):
             return (
@@ -357,18 +364,6 @@ def _misplaced(compared: Callable[[int, int, int], Likelihood | None], samples: 
                 "points, or give the lag between them (lag, --lag)"
             )
     return ""
-
-
-def _is_of_this_hour(found: Likelihood, temperature: Array, positions: Array, good: Mask, interval: float) -> bool:
-    """Whether the command explains the temperature of its own time better than that of other hours: placebos."""
-    others = []
-    for quarters in (1, 2, 3):
-        by = quarters * temperature.size // 4
-        both = good & np.roll(good, by)
-        others.append(likelihoods(np.roll(temperature, by), positions, (), both, interval, CANDIDATES))
-    return float(found.plain.max()) > LEAST_FORWARD + max(
-        (float(one.plain.max()) for one in others if one), default=0.0
-    )
 
 
 def _judged(probability: Array, provoked: bool, doubt: str) -> Identification:
