@@ -133,8 +133,8 @@ def export(
 def export_code(path: Path, language: str | None, out: Path | None) -> None:
     """Write the code of the controller in a study file; sweep, boundary and run are ignored."""
     from fastcoil.deliver.export.export import SUFFIXES, export_controller, language_of
+    from fastcoil.study.file.own_code import load_rules
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.workers.user_code import load_rules
 
     word = language_of(language or "c")
     study = read_study(path)

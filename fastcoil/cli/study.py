@@ -42,7 +42,7 @@ def run(
     from fastcoil.model.metric_table import STATUS_OK
     from fastcoil.study.analysis.summary import summary
     from fastcoil.study.file.spec import read_study
-    from fastcoil.study.folder.result_files import RESULTS
+    from fastcoil.study.folder.stored import RESULTS
     from fastcoil.study.run import Finished, default_folder, execute
 
     folder = out or default_folder(study)

@@ -38,7 +38,7 @@ def announce_compilation(kernel: str = "emulate") -> None:
 
 def run_own_code(what: str, source: Source) -> object:
     """Announce and import the module of a study's own function."""
-    from fastcoil.study.workers.user_code import load
+    from fastcoil.study.file.own_code import load
 
     function = source.name.partition(":")[2]
     say(f"This study runs its own code: {function} from {source.path.absolute()}.", err=True)

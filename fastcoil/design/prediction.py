@@ -1,6 +1,7 @@
 """What the linear model predicts of one loop at the operating points of a day, and the gains that follow from it."""
 
 import math
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +11,12 @@ from fastcoil.base.arrays import Index
 from fastcoil.design.describing_function import unknown
 from fastcoil.design.limit_cycle import Cycles, cycles_of
 from fastcoil.design.linearise import first_order, simc
-from fastcoil.design.operating_points import PointsOfDay
+from fastcoil.design.operating_points import PointsOfDay, mean_conditions
 from fastcoil.design.plants import Columns, Plants, loop_response, plants_of
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.scenarios import columns_of
+from fastcoil.loops.plan import Plan
+from fastcoil.loops.scenarios import attributes, columns_of
+from fastcoil.model.metric_table import PREDICTIONS
 
 
 class Prediction(NamedTuple):
@@ -191,3 +194,49 @@ def left_out(prediction: Prediction) -> tuple[str, ...]:
     if missed:
         found.append(f"{missed} of {n} operating points, at which the valve is at its end and misses the set-point")
     return tuple(found)
+
+
+_AT_ONCE = 2048  # scenarios; their responses take up to 60 MB
+_DIGITS = "%.6g"  # theory is not more accurate, and the last bits depend on the machine's libraries
+
+
+def predictions(plan: Plan) -> xr.Dataset:
+    """Predict margin and limit cycle of every scenario of a study (``[run] predict``).
+
+    The mean conditions and the mean set-point of each day's enabled seconds after the warm-up count, as if they were
+    held for ever; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
+    numbers depend on their number alone and not on who ran them when.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
+        are.
+    """
+    loop, sizes = plan.layout.loop, plan.layout.sizes
+    alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}
+    n = math.prod(alike.values())
+    entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
+    found = {name: np.full(n, np.nan) for name in PREDICTIONS}
+    reasons: Counter[str] = Counter()
+    for start in range(0, n, _AT_ONCE):
+        index = np.arange(start, min(start + _AT_ONCE, n))
+        day = columns_of(loop, alike, index)["day"]
+        seen = index[np.isfinite(entering["T_set"][day])]
+        reasons["no second is enabled after the warm-up"] += index.size - seen.size
+        if not seen.size:
+            continue
+        columns = columns_of(loop, alike, seen)
+        reasons.update({reason: int(loops.sum()) for reason, loops in unknown(columns).items()})
+        conditions = {name: means[columns["day"]] for name, means in entering.items()}
+        cycles = cycles_of(columns, plants_of(columns, conditions))
+        predicted = cycles.margin, cycles.hunts, cycles.period, 2.0 * cycles.amplitude
+        for name, value in zip(found, predicted, strict=True):
+            found[name][seen] = np.char.mod(_DIGITS, value).astype(float)
+    ds = xr.Dataset()
+    for name, flat in found.items():
+        values = xr.DataArray(flat.reshape(tuple(alike.values())), dims=tuple(alike))
+        whole = values.expand_dims({d: k for d, k in sizes.items() if d not in alike}).transpose(*sizes)
+        ds[name] = (tuple(sizes), np.array(whole.values), attributes(PREDICTIONS[name]))
+    note = "; ".join(f"{reason}: {count:,} of {n:,}" for reason, count in reasons.items() if count)
+    return ds.assign_attrs({"prediction_note": f"theory says nothing: {note}"} if note else {})

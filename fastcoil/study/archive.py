@@ -29,9 +29,8 @@ from fastcoil.base.files import commit_written, exists, require_file, storage_er
 from fastcoil.base.text import printable
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
-from fastcoil.study.folder.manifest import MANIFEST, Manifest, checksum
-from fastcoil.study.folder.result_files import RESULTS
 from fastcoil.study.folder.results import open_finished
+from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, checksum
 from fastcoil.study.folder.verify import find_problems, problems_of_results
 
 LISTING, README = "archive.json", "README.txt"

@@ -37,12 +37,11 @@ from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import own_code_of, refuse_other_code
 from fastcoil.study.analysis.selected import listed, selected
 from fastcoil.study.archive import archive_problems
-from fastcoil.study.file.own_code import Source
+from fastcoil.study.file.own_code import Source, load
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder, find_holder, hold
 from fastcoil.study.folder.results import is_current, open_study
 from fastcoil.study.folder.verify import find_problems
-from fastcoil.study.workers.user_code import load
 
 RERUNS = "reruns"
 

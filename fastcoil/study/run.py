@@ -23,15 +23,20 @@ from fastcoil.loops.simulate import workers
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules import refuse_other_code
+from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.manifest import Environment, Manifest
-from fastcoil.study.folder.merge import merge, study_attributes
-from fastcoil.study.folder.result_files import WORDS, finished_manifest, reworded
-from fastcoil.study.folder.results import Computed, is_current, is_of, match_scenarios, open_study
-from fastcoil.study.workers.dispatch import run_shards
-from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool
-from fastcoil.study.workers.user_code import load, load_rules
+from fastcoil.study.folder.results import (
+    Computed,
+    is_current,
+    is_of,
+    match_scenarios,
+    merge,
+    open_study,
+    study_attributes,
+)
+from fastcoil.study.folder.stored import WORDS, Environment, Manifest, finished_manifest, reworded
+from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, run_shards
 from fastcoil.study.workers.worker import Job
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from fastcoil.cli.main import main
-from fastcoil.study.workers.user_code import _load
+from fastcoil.study.file.own_code import _load
 
 
 def fastcoil(*words: object) -> Result:

@@ -10,8 +10,8 @@ import xarray as xr
 
 from fastcoil.loops.plan import END_STATE, Shard
 from fastcoil.model.metric_table import STATUS_OK
-from fastcoil.study.workers import dispatch
-from fastcoil.study.workers.dispatch import run_shards
+from fastcoil.study.workers import pools
+from fastcoil.study.workers.pools import run_shards
 from helpers.processes import N_SCENARIOS
 
 
@@ -91,7 +91,7 @@ def found(pool, job, shards, status=None):
     """Status of every scenario that was yielded, also put into ``status``; none is yielded twice."""
     status = {} if status is None else status
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dispatch, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
+        patch.setattr(pools, "cf", SimpleNamespace(wait=pool.wait, FIRST_COMPLETED=cf.FIRST_COMPLETED))
         for part in run_shards(pool, job, shards):
             for k, flag in zip(part["scenario"].values.tolist(), part["status"].values.tolist(), strict=True):
                 assert k not in status, "a scenario is found twice"

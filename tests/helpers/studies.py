@@ -14,7 +14,7 @@ from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import Study, read_study
-from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.stored import Manifest
 
 # fewer scenarios a day than a block has lanes: as many shards as days
 DAYS = 3

@@ -15,7 +15,7 @@ from helpers.studies import PLAIN, copied
 from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
 from fastcoil.study.archive import Entry, Listing, is_safe, pack
-from fastcoil.study.folder.manifest import checksum
+from fastcoil.study.folder.stored import checksum
 
 pytestmark = pytest.mark.kernel
 

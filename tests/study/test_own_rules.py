@@ -12,9 +12,9 @@ from helpers.processes import environment
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
+from fastcoil.study.file.own_code import _load
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.run import execute
-from fastcoil.study.workers.user_code import _load
 
 STUDY = """
 [loop]

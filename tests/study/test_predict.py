@@ -10,12 +10,12 @@ from helpers.studies import run, run_until_interrupted, write_study
 
 import fastcoil as fc
 from fastcoil.deliver.figures.study import bands
+from fastcoil.design.prediction import predictions
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import PREDICTIONS
 from fastcoil.study import maintenance
 from fastcoil.study.analysis.summary import summary
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.merge import predictions
 from fastcoil.study.run import execute
 
 pytestmark = pytest.mark.kernel

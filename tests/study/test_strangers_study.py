@@ -8,10 +8,10 @@ from helpers.studies import TRACED
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
+from fastcoil.study.file.own_code import _load
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.manifest import Manifest
+from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.run import execute
-from fastcoil.study.workers.user_code import _load
 
 pytestmark = pytest.mark.kernel
 

@@ -10,8 +10,7 @@ from fastcoil.base.errors import InputError, WrongType
 from fastcoil.base.files import exists, is_folder
 from fastcoil.deliver.report.page import Page, require_page
 from fastcoil.study.folder.folder import require_no_archive
-from fastcoil.study.folder.manifest import MANIFEST
-from fastcoil.study.folder.result_files import RESULTS
+from fastcoil.study.folder.stored import MANIFEST, RESULTS
 
 REPORT = "report.html"
 """Name of the page in a folder."""

@@ -15,8 +15,8 @@ from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop, knowing
 from fastcoil.model.parameter_table import INSTALLED_VALVE, PARAMETERS
 from fastcoil.model.user_rules import Rule
-from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values, sampled_names
-from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters, parse_toml
+from fastcoil.study.file.sampling import DESIGN_DIM, SAMPLE_DIM, sample_values
+from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters, parse_toml, sampled_names
 
 _WHAT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
 _LARGEST = 2**20  # bytes

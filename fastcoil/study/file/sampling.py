@@ -15,10 +15,9 @@ from fastcoil.base.arguments import choice_of, whole_of
 from fastcoil.base.errors import InputError, collecting, nearest, shown
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
-from fastcoil.study.file.tables import are_numbers, first_of, known_parameters
+from fastcoil.study.file.tables import are_numbers, first_of, known_parameters, sampled_names
 
 SAMPLE_DIM, DESIGN_DIM = "sample", "design"  # the dimensions of a design; only ``saltelli`` has the second
-SETTINGS = ("method", "size", "seed")  # keys of ``[sample]`` that are not parameters
 SALTELLI = "saltelli"
 METHODS = ("latin_hypercube", "sobol", "random", SALTELLI)
 POWERS_OF_TWO = ("sobol", SALTELLI)
@@ -36,11 +35,6 @@ DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], str]] = {
     "triangular": (("lowest", "most likely", "highest"), "lowest ≤ most likely ≤ highest, lowest < highest"),
 }
 """The names of the arguments of each continuous distribution, and what they must be; ``choice`` exists besides."""
-
-
-def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
-    """Names of the parameters in ``[sample]``; none if the table is absent."""
-    return [name for name in table or {} if name not in SETTINGS]
 
 
 def design_size(table: Mapping[str, Any]) -> int:

@@ -81,7 +81,7 @@ def require_room(file: StudyFile) -> None:
     """
     days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
     sizes = [*map(axis_size, file.sweep.values()), *map(len, file.cases.values()), len(days), file.run.replicates]
-    sizes.append(design_size(file.sample or {}))
+    sizes += [design_size(file.sample)] if file.sample else []
     n_scenarios = math.prod(min(max(1, size), _MOST_OF_ANY) for size in sizes)
     check_memory(n_scenarios * _BYTES_PER_SCENARIO, n_scenarios)
 

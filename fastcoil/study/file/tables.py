@@ -170,6 +170,11 @@ def known_parameters(
     return {name: value for name, value in table.items() if name in known}
 
 
+def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
+    """Names of the parameters in ``[sample]``; none if the table is absent."""
+    return [name for name in table or {} if name not in ("method", "size", "seed")]
+
+
 def are_numbers(values: object, count: int) -> bool:
     """Whether ``values`` is a list of ``count`` finite numbers; TOML allows integers of any size."""
     if not isinstance(values, list) or len(values) != count:

@@ -1,8 +1,7 @@
 """The folder of a study: every file in it, written so that a kill at any moment loses nothing that was finished.
 
-Read ``folder`` first, for the files by name and the lock, then ``manifest`` (``run.json``: what is run), ``shards``
-(a file for each finished part, named by its hash), ``result_files`` (``results.nc`` and the traces), ``results`` (what
-has been computed so far, opened or matched with a larger study), ``merge`` (from the parts to ``results.nc``) and
+Read ``folder`` first, for the files by name and the lock, then ``stored`` (the files with a hash: ``run.json``, shards,
+``results.nc``, traces), ``results`` (what has been computed so far, opened, matched with a larger study, merged) and
 ``verify`` (everything checked).
 
 The commit protocol: a shard is written to a temporary file, flushed, renamed to a name that contains its SHA-256, and

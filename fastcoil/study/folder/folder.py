@@ -42,9 +42,7 @@ from fastcoil.base.files import (
 )
 from fastcoil.base.text import printable
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
-from fastcoil.study.folder.manifest import MANIFEST, Manifest
-from fastcoil.study.folder.result_files import RESULTS, TRACE_FILES, open_final
-from fastcoil.study.folder.shards import Shards
+from fastcoil.study.folder.stored import MANIFEST, RESULTS, TRACE_FILES, Manifest, Shards, open_final
 
 STUDY = "study.toml"
 _LOCK, _HOLDER = ".lock", ".holder"

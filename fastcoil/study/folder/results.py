@@ -1,11 +1,13 @@
-"""What has been computed of a study: results of a smaller version, finished shards, and both as one Dataset."""
+"""What has been computed of a study: opened, matched with a larger version of it, and merged into ``results.nc``."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shlex
-from collections.abc import Collection, Iterator
+import tempfile
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -16,11 +18,11 @@ import xarray as xr
 
 from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.base.files import exists, is_file, is_folder
+from fastcoil.base.files import exists, is_file, is_folder, storage_errors
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.netcdf import try_reading
-from fastcoil.loops.plan import END_STATE, Plan, Reached
-from fastcoil.loops.provenance import environments_of
+from fastcoil.loops.netcdf import layout_of, try_reading, write
+from fastcoil.loops.plan import END_STATE, Plan, Reached, simulation_attributes
+from fastcoil.loops.provenance import combined_sha256, environments_of, provenance, variable_sha256
 from fastcoil.loops.scenarios import check_result, columns_of, join_flat, unflatten
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
@@ -28,10 +30,16 @@ from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules import KINDS, refuse_other_code
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import StudyFolder, require_no_archive
-from fastcoil.study.folder.manifest import MANIFEST, Manifest
-from fastcoil.study.folder.merge import study_attributes
-from fastcoil.study.folder.result_files import RESULTS, find_problems
-from fastcoil.study.folder.shards import Shards
+from fastcoil.study.folder.stored import (
+    MANIFEST,
+    RESULTS,
+    Manifest,
+    Shards,
+    add_traces,
+    find_problems,
+    finished_manifest,
+    publish,
+)
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
 _AT_ONCE = 10_000
@@ -44,6 +52,13 @@ _MUST_AGREE = {
     "reduction_sha256": "[run] reduce",
 }
 """What a scenario depends on besides its parameters and its day: attribute and its name in messages."""
+Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
+"""Reads the flat parts of the study without the named variables, afresh at every call: they need not fit in memory
+together."""
+_LARGE = 2**24  # bytes
+
+
+# --- opened -----------------------------------------------------------------------------------------------------------
 
 
 def open_study(folder: str | Path) -> xr.Dataset:
@@ -135,6 +150,9 @@ def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is of the run, complete or not, and of the same model."""
     found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
     return found == (manifest.study_sha256, manifest.model_sha256)
+
+
+# --- matched ----------------------------------------------------------------------------------------------------------
 
 
 class Match(NamedTuple):
@@ -289,3 +307,158 @@ class Computed:
         if "volume" in part.dims and part.sizes["volume"] < n_volumes:
             part = part.reindex(volume=np.arange(1, n_volumes + 1))
         return part
+
+
+# --- merged -----------------------------------------------------------------------------------------------------------
+
+
+def merge(
+    folder: StudyFolder,
+    study: Study,
+    manifest: Manifest,
+    parts: Parts,
+    attrs: dict[str, Any] | None = None,
+    *,
+    complete: bool = True,
+) -> xr.Dataset:
+    """Write all parts as one labelled result, its traces in a file of their own, and remove the shards.
+
+    Parameters
+    ----------
+    folder, study, manifest
+        Where, what, and the run to which the parts belong.
+    parts
+        Reads the parts.
+    attrs
+        Further attributes of the result.
+    complete
+        Whether all scenarios of the study must be in the parts.
+
+    Returns
+    -------
+    xarray.Dataset
+        As of ``StudyFolder.open_results``.
+
+    Raises
+    ------
+    IntegrityError
+        If parts were lost since they were written; unless ``complete``, only if they are lost during the merge.
+    """
+
+    def counted(leave_out: Collection[str], n: int) -> Iterator[xr.Dataset]:
+        for part in parts(leave_out):
+            n -= part.sizes["scenario"]
+            yield part
+        if n > 0:
+            raise IntegrityError(
+                f"{folder.path}: {n:,} scenarios were lost after they had been run: run the study again"
+            )
+
+    plan = study.plan
+    untraced = (p.drop_vars(_trace_coordinates(p)) for p in counted(TRACES, plan.n_scenarios if complete else 0))
+    with storage_errors(folder.results, "written"):
+        whole = join_flat(plan.n_scenarios, untraced, allocate=_allocator(folder.path))
+    ds = unflatten(whole, plan.layout)
+    n_run = int((ds["status"].values != STATUS_NOT_RUN).sum())
+    ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
+    predicted = _predicted(study) if complete else xr.Dataset()
+    ds = ds.assign(predicted.data_vars)
+    ds.attrs = study_attributes(study, manifest) | predicted.attrs | (attrs or {})
+    ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
+    if study.kept_traces:
+        # a part of the traces is another file than all of them: results and traces are not replaced together
+        file = folder.path / f"traces-{manifest.key[:8]}{'' if complete else f'-{n_run}'}.nc"
+        manifest, traces = _merge_traces(file, study, lambda leave_out: counted(leave_out, n_run), ds.attrs, manifest)
+        ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
+    ds.attrs["content_sha256"] = combined_sha256(ds)
+    manifest = publish(folder.results, lambda unfinished: write(ds, unfinished, mode="w"), manifest)
+    result = add_traces(ds, folder.path, manifest)
+    folder.remove_superseded(result, manifest)
+    if complete:
+        finished_manifest(result, folder.path, manifest).write(folder.path)
+    return result
+
+
+def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
+    """The attributes of the results of a study: provenance, settings, and which study it is."""
+    attrs = {
+        "title": study.title,
+        **provenance(),
+        **simulation_attributes(study.plan),
+        "summary": study.question,
+        "study_toml": study.text,
+        "study_sha256": study.sha256,
+        "model_sha256": manifest.model_sha256,
+    }
+    traces = study.plan.traces
+    if traces.names:
+        attrs["traces"] = f"{', '.join(traces.names)} every {traces.interval} s"
+    if study.reduction:
+        attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
+    if study.rules:
+        attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
+    if manifest.own_code:
+        attrs["own_code"] = json.dumps(manifest.own_code)
+    return attrs
+
+
+def _merge_traces(
+    path: Path, study: Study, parts: Parts, attrs: dict[str, Any], manifest: Manifest
+) -> tuple[Manifest, xr.Dataset]:
+    """Write the traces one by one.
+
+    Returns the manifest with the hash of their file, and what the results must have of them: coordinates, and
+    attributes with the hash and the description of every variable.
+    """
+    plan, allocate = study.plan, _allocator(path.parent)
+    hashes: dict[str, str] = {}
+    layout: dict[str, Any] = {}
+    coordinates: dict[Any, xr.DataArray] = {}
+
+    def write_all(unfinished: Path) -> None:
+        for k, name in enumerate(study.kept_traces):
+            others = {*METRICS, *TRACES} - {name}
+            ds = unflatten(join_flat(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
+            hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
+            layout.update(layout_of([(name, ds[name].variable)]))
+            coordinates.update({n: ds[n].reset_coords(drop=True) for n in _trace_coordinates(ds)})
+            ds.attrs = attrs
+            write(ds, unfinished, mode="a" if k else "w")
+
+    recorded = publish(path, write_all, manifest)
+    described = {"trace_sha256": json.dumps(hashes), "trace_layout": json.dumps(layout)}
+    return recorded, xr.Dataset(coords=coordinates, attrs={"trace_file": path.name, **described})
+
+
+def _trace_coordinates(ds: xr.Dataset) -> list[str]:
+    return [n for n in ("elapsed_time", "time", "volume") if n in ds.coords]
+
+
+def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
+    """Makes arrays; large ones are in nameless files, so that a study may be larger than the memory."""
+
+    def allocate(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any]) -> np.ndarray:
+        size = dtype.itemsize * int(np.prod(shape))
+        if size < _LARGE:
+            return np.full(shape, value, dtype)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            # reserved now: on a full disk, a later write to the array would kill the process
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, size)
+            else:
+                file.truncate(size)
+            array: np.ndarray = np.memmap(file, dtype, "r+", shape=shape)
+        if value != 0:
+            array[:] = value
+        return array
+
+    return allocate
+
+
+def _predicted(study: Study) -> xr.Dataset:
+    """What theory says of its scenarios, if the study asks for it."""
+    if not study.predict:
+        return xr.Dataset()
+    from fastcoil.design.prediction import predictions
+
+    return predictions(study.plan)

@@ -6,11 +6,10 @@ from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, Stor
 from fastcoil.base.figures import stale_figures
 from fastcoil.loops.plan import END_STATE
 from fastcoil.loops.scenarios import check_same_form
-from fastcoil.study.folder import result_files
+from fastcoil.study.folder import stored
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.manifest import Manifest
 from fastcoil.study.folder.results import is_current
-from fastcoil.study.folder.shards import Shards
+from fastcoil.study.folder.stored import Manifest, Shards
 
 
 def find_problems(store: StudyFolder) -> list[str]:
@@ -43,7 +42,7 @@ def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]
         return
     try:
         ds = store.open_results()
-        yield from result_files.find_problems(ds, store.path, manifest)
+        yield from stored.find_problems(ds, store.path, manifest)
     except StorageError:
         raise
     except FastcoilError as error:

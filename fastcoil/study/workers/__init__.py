@@ -1,6 +1,5 @@
 """The workers that run shards, and what happens when one dies.
 
-Read ``dispatch`` first: it hands shards to a pool and finds the scenarios that kill.  ``pools`` has the pools: threads,
-processes, dask.  ``worker`` is what a worker runs: one shard.  ``user_code`` and ``reduce`` run code that comes with a
-study and check what it returns.
+Read ``pools`` first: it hands shards to threads, processes or dask and finds the scenarios that kill.  ``worker`` is
+what a worker runs: one shard.  ``reduce`` runs a study's own reduction of traces and checks what it returns.
 """

@@ -11,9 +11,8 @@ from fastcoil.base.errors import InputError
 from fastcoil.loops.netcdf import CLOCK, load, netcdf_bytes
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
-from fastcoil.study.file.own_code import Source
-from fastcoil.study.workers.user_code import its_errors
-from fastcoil.study.workers.user_code import load as load_code
+from fastcoil.study.file.own_code import Source, its_errors
+from fastcoil.study.file.own_code import load as load_code
 
 SCENARIO = "scenario"
 """The dimension along which the function gets the traces of a shard."""

@@ -20,9 +20,8 @@ from fastcoil.loops.simulate import run_shard
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
 from fastcoil.model.user_rules import RuleHashes, own_code_of, refuse_other_code
-from fastcoil.study.file.own_code import Source
+from fastcoil.study.file.own_code import Source, load_rules
 from fastcoil.study.workers.reduce import reduce
-from fastcoil.study.workers.user_code import load_rules
 
 
 class Interrupt(Exception):

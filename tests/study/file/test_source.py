@@ -7,9 +7,8 @@ from helpers.rules import HEAD
 
 from fastcoil.base.errors import InputError
 from fastcoil.study.file import own_code
-from fastcoil.study.file.own_code import Source, find_source
+from fastcoil.study.file.own_code import Source, find_source, load
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers.user_code import load
 
 SOURCE = """
 import numpy as np

@@ -15,9 +15,9 @@ from helpers.studies import DAYS, PLAIN, larger, quarantined, resume, run, run_u
 from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.loops.netcdf import netcdf_bytes
 from fastcoil.study import maintenance
-from fastcoil.study.folder import shards as folder_shards
+from fastcoil.study.folder import stored
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.shards import Shards
+from fastcoil.study.folder.stored import Shards
 
 pytestmark = pytest.mark.kernel
 
@@ -179,7 +179,7 @@ def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(broken_off,
     def refuse(*_):
         raise error
 
-    monkeypatch.setattr(folder_shards, "load", refuse)
+    monkeypatch.setattr(stored, "load", refuse)
     for look in (lambda: run(PLAIN, broken_off), lambda: maintenance.verify(broken_off)):
         with pytest.raises(StorageError, match="is sound, and cannot be read .*: the memory ran out") as refused:
             look()
@@ -193,7 +193,7 @@ def test_a_shard_that_cannot_be_made_for_lack_of_memory_ends_the_run_in_a_senten
     def refuse(_):
         raise OSError(-101, "NetCDF: HDF error")
 
-    monkeypatch.setattr(folder_shards, "netcdf_bytes", refuse)
+    monkeypatch.setattr(stored, "netcdf_bytes", refuse)
     with pytest.raises(StorageError, match="a shard cannot be made .*: the memory ran out") as refused:
         run(PLAIN, broken_off)
     assert refused.value.errno == errno.ENOMEM

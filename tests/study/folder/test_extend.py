@@ -17,7 +17,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder import folder, manifest
+from fastcoil.study.folder import folder, stored
 from fastcoil.study.folder.folder import StudyFolder
 from fastcoil.study.run import execute
 
@@ -144,7 +144,7 @@ def killed(monkeypatch, study, out, **options):
         files.commit(path, data)
 
     def write_one(*words):
-        for module in (folder, manifest):
+        for module in (folder, stored):
             patch.setattr(module, "commit", commit)
         write_both(*words)
 

@@ -22,7 +22,7 @@ from helpers.studies import (
 
 from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.study import run as runner
-from fastcoil.study.folder.shards import SHARD_NAME
+from fastcoil.study.folder.stored import SHARD_NAME
 
 pytestmark = pytest.mark.kernel
 

@@ -20,9 +20,8 @@ from fastcoil.loops.provenance import combined_sha256
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study import maintenance
 from fastcoil.study.archive import pack
-from fastcoil.study.folder.manifest import Manifest
-from fastcoil.study.folder.result_files import find_variable_problems, open_final
 from fastcoil.study.folder.results import open_results
+from fastcoil.study.folder.stored import Manifest, find_variable_problems, open_final
 
 pytestmark = pytest.mark.kernel
 

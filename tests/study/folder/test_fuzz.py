@@ -14,7 +14,7 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
-from fastcoil.study.folder import manifest
+from fastcoil.study.folder import stored
 
 pytestmark = pytest.mark.kernel
 
@@ -74,7 +74,7 @@ def ordeal(originals, out, kind, seed):
     dice = random.Random(f"{kind} {seed}")
     path = dice.choice(files(out))
     good = path.read_bytes()
-    bad = edited(good, dice, manifest.checksum) if path.suffix == ".json" and seed % 2 else damaged(good, dice)
+    bad = edited(good, dice, stored.checksum) if path.suffix == ".json" and seed % 2 else damaged(good, dice)
     path.unlink()
     path.write_bytes(bad)
     forget()

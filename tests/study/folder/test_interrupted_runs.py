@@ -11,7 +11,7 @@ from helpers.processes import N_SCENARIOS, STUDY, children, ended, gone, started
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.shards import SHARDS
+from fastcoil.study.folder.stored import SHARDS
 from fastcoil.study.run import execute
 
 pytestmark = [

@@ -25,7 +25,7 @@ from fastcoil.model.numerics.jit import compiled_for
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file import spec
-from fastcoil.study.folder import manifest
+from fastcoil.study.folder import stored
 from fastcoil.study.folder.results import open_study
 
 pytestmark = pytest.mark.kernel
@@ -161,10 +161,10 @@ WRONG = {
 @pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in WRONG.items() for value in values])
 def test_a_value_of_the_wrong_type_in_run_json_is_reported(out, name, value):
     out.mkdir()
-    manifest.Manifest("a", "b", "c", "d").write(out)
+    stored.Manifest("a", "b", "c", "d").write(out)
     found = json.loads((out / "run.json").read_text()) | {name: value}
     content = {n: v for n, v in found.items() if n not in ("format", "sha256")}
-    (out / "run.json").write_text(json.dumps(found | {"sha256": manifest.checksum(content)}))
+    (out / "run.json").write_text(json.dumps(found | {"sha256": stored.checksum(content)}))
     with pytest.raises(IntegrityError, match=r"run\.json is damaged"):
         open_study(out)
 
@@ -193,14 +193,14 @@ def elsewhere(monkeypatch):
 
 def test_a_run_says_where_it_was_computed(out):
     copied(PLAIN, out)
-    assert manifest.Manifest.read(out).computed_on == [compiled_for()]
+    assert stored.Manifest.read(out).computed_on == [compiled_for()]
     assert json.loads(open_study(out).attrs["computed_on"]) == [compiled_for()]
 
 
 def test_a_run_that_is_resumed_on_another_processor_says_so(broken_off, elsewhere):
     (warned,) = resume(broken_off)
     assert f"a part of {broken_off} was computed elsewhere (cpu {elsewhere[0]['cpu']}, now another)" in warned
-    assert manifest.Manifest.read(broken_off).computed_on == elsewhere
+    assert stored.Manifest.read(broken_off).computed_on == elsewhere
     assert json.loads(open_study(broken_off).attrs["computed_on"]) == elsewhere
 
 
@@ -210,7 +210,7 @@ def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, m
         run(PLAIN, out)
     (warned,) = resume(out, larger(PLAIN), extend=True)
     assert "now another" in warned
-    assert manifest.Manifest.read(out).computed_on == elsewhere
+    assert stored.Manifest.read(out).computed_on == elsewhere
 
 
 # --- study.toml -------------------------------------------------------------------------------------------------------

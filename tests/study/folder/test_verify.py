@@ -15,7 +15,7 @@ from fastcoil.cli.main import main
 from fastcoil.loops import netcdf
 from fastcoil.study import maintenance
 from fastcoil.study.folder.results import open_study
-from fastcoil.study.folder.shards import Shards
+from fastcoil.study.folder.stored import Shards
 
 pytestmark = pytest.mark.kernel
 

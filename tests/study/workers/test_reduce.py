@@ -9,9 +9,8 @@ import xarray as xr
 from helpers.refusals import only_problem, problems
 
 from fastcoil.base.errors import InputError
-from fastcoil.study.file.own_code import Source
+from fastcoil.study.file.own_code import Source, load
 from fastcoil.study.workers.reduce import reduce
-from fastcoil.study.workers.user_code import load
 
 SOURCE = """
 import numpy as np

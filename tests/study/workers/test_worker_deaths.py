@@ -20,9 +20,9 @@ from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.shards import SHARDS
+from fastcoil.study.folder.stored import SHARDS
 from fastcoil.study.run import execute
-from fastcoil.study.workers import dispatch, pools
+from fastcoil.study.workers import pools
 from fastcoil.study.workers.pools import make_pool
 from fastcoil.study.workers.worker import Job
 
@@ -107,7 +107,7 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
 
 
 def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(dispatch, "_MOST_DEATHS", 1)
+    monkeypatch.setattr(pools, "_MOST_DEATHS", 1)
     cut(monkeypatch, 10)
     harmed = failing_shards.harmful(study, failing_shards.killed, range(N_SCENARIOS))
     with pytest.raises(FastcoilError, match="1 workers died in a row without a result") as caught:
@@ -117,7 +117,7 @@ def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_
 
 
 def test_workers_that_cannot_even_start_end_in_a_sentence(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(dispatch, "_MOST_DEATHS", 1)
+    monkeypatch.setattr(pools, "_MOST_DEATHS", 1)
     monkeypatch.setattr(pools, "begin_process", failing_shards.does_not_start)
     with pytest.raises(FastcoilError, match="workers died in a row without a result"):
         execute(study, tmp_path / "out", backend="loky", n_jobs=1)

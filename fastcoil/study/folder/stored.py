@@ -1,0 +1,414 @@
+"""The files of a study that carry a hash: ``run.json``, the shards, ``results.nc`` and the file of traces.
+
+Each is whole or absent, and its bytes are compared with their hash before a library parses them.  ``run.json`` has the
+SHA-256 of the final files: of a new one before its name points to it, next to that of the file that it replaces, so
+that a run killed at any moment leaves files with hashes that are recorded.  The name of a shard, ``FIRST-HASH.nc``, has
+its own, so there is no list of shards that could be torn, lost or disagree with them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from fnmatch import fnmatchcase
+from functools import cache
+from itertools import chain, count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from pydantic import TypeAdapter, ValidationError
+
+from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, out_of_memory, shown
+from fastcoil.base.files import (
+    commit,
+    commit_written,
+    entries,
+    exists,
+    is_folder,
+    is_unfinished,
+    make_folder,
+    read_bytes,
+    remove_unfinished,
+    storage_errors,
+)
+from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, try_reading, write
+from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
+from fastcoil.loops.scenarios import check_result
+from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
+from fastcoil.model.user_rules import RuleHashes, joined, own_code_of
+from fastcoil.study.file.spec import Study
+
+MANIFEST, RESULTS, TRACE_FILES = "run.json", "results.nc", "traces-*.nc"
+SHARDS, QUARANTINE = "shards", "quarantine"
+SHARD_NAME = re.compile(r"(\d{9,})-([0-9a-f]{32})\.nc")
+WORDS = ("title", "summary", "study_toml")
+"""Attributes of a study that no scenario depends on."""
+_FOLDER_FORMAT = 2
+"""Of the folder; no other one is read."""
+_CHECKSUM = "sha256"
+_LARGEST = 2**20  # bytes of ``run.json``
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
+"""What to do about a damaged final file, by whether it has the results."""
+
+
+# --- run.json ---------------------------------------------------------------------------------------------------------
+
+
+Environment = Mapping[str, str]
+"""What the bits of a result depend on besides the sources, see ``compiled_for``."""
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a run computes, by which two runs are compared, and what is known of it so far.
+
+    relative_to: folder from which the study's relative paths start.  computed_on: every environment that computed a
+    part of it.  outputs: for each final file the SHA-256 that its bytes may have, that of the newest first; while a
+    file is being replaced, there are two.  finished: whether the results are complete.  own_code: hashes of the
+    study's own rules, as they were compiled.
+    """
+
+    study_sha256: str
+    boundary_sha256: str
+    model_sha256: str
+    relative_to: str
+    computed_on: Sequence[Environment] = field(default=(), compare=False)
+    outputs: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)
+    finished: bool = field(default=False, compare=False)
+    own_code: RuleHashes = field(default_factory=dict, compare=False)
+
+    @classmethod
+    def of(cls, study: Study) -> Manifest:
+        """The manifest of a study, run with the model's sources of today."""
+        boundary = study.plan.layout.boundary
+        own_code = own_code_of(study.plan.layout.loop.rules.values())
+        return cls(study.sha256, boundary.sha256, study.model_sha256, str(study.folder.absolute()), own_code=own_code)
+
+    @property
+    def key(self) -> str:
+        """Names the shards that belong to this run."""
+        return hashlib.sha256(f"1 {self.study_sha256} {self.model_sha256}".encode()).hexdigest()
+
+    def knowing(self, earlier: Manifest | None) -> Manifest:
+        """The same run, with what ``earlier``, the run in the folder so far, knows of the files there."""
+        if earlier is None:
+            return self
+        same = (self.study_sha256, self.model_sha256) == (earlier.study_sha256, earlier.model_sha256)
+        own_code = joined(self.own_code, earlier.own_code) if same else self.own_code
+        return replace(self, outputs=earlier.outputs, own_code=own_code)
+
+    @classmethod
+    def read(cls, folder: Path) -> Manifest | None:
+        """Read ``run.json``; ``None`` if there is none, ``IntegrityError`` if it is damaged or of another format."""
+        path = folder / MANIFEST
+        if not exists(path):
+            return None
+        try:
+            with storage_errors(path, "read"):
+                data = read_bytes(path, _LARGEST)
+            found = json.loads(data)
+            format = found.pop("format", 0)
+            if format != _FOLDER_FORMAT and isinstance(format, int):
+                raise IntegrityError(
+                    f"{folder} was written by another version of fastcoil (format {format}, this one reads and writes "
+                    f"{_FOLDER_FORMAT}): use that version, or choose another folder with -o"
+                )
+            if found.pop(_CHECKSUM, None) != checksum(found):
+                raise ValueError("its checksum differs")
+            return _form().validate_json(json.dumps(found), strict=True)
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            why = "it has values of the wrong type" if isinstance(error, ValidationError) else error
+            raise IntegrityError(
+                f"{path} is damaged ({why}): delete it and run the study again, or choose another folder with -o"
+            ) from error
+
+    @property
+    def text(self) -> str:
+        """The content of ``run.json``."""
+        content = asdict(self)
+        return json.dumps({**content, "format": _FOLDER_FORMAT, _CHECKSUM: checksum(content)}, indent=1) + "\n"
+
+    def write(self, folder: Path) -> None:
+        """Write ``run.json``."""
+        commit(folder / MANIFEST, self.text.encode())
+
+
+@cache
+def _form() -> TypeAdapter[Manifest]:
+    return TypeAdapter(Manifest)
+
+
+def checksum(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a table, by which a later change of it is seen."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+# --- shards -----------------------------------------------------------------------------------------------------------
+
+
+class Inspection(NamedTuple):
+    """A file among the shards: its content, or what is wrong with it."""
+
+    path: Path
+    part: xr.Dataset | None
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Shards:
+    """The shards in the folder of a study that belong to the run ``key``."""
+
+    folder: Path
+    key: str
+
+    @property
+    def path(self) -> Path:
+        return self.folder / SHARDS
+
+    def commit(self, part: xr.Dataset) -> None:
+        """Write the flat results of a shard."""
+        try:
+            data = netcdf_bytes(part.assign_attrs(study=self.key))
+        except (OSError, RuntimeError) as error:  # no disk is involved
+            raise out_of_memory(f"{self.path}: a shard cannot be made ({error})") from error
+        with storage_errors(self.path, "made"):
+            make_folder(self.path)
+        name = f"{part['scenario'].values[0]:09d}-{hashlib.sha256(data).hexdigest()[:32]}.nc"
+        commit(self.path / name, data)
+
+    def any(self) -> bool:
+        """Whether there is a file among them."""
+        return bool(entries(self.path))
+
+    def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
+        """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
+
+        quarantine: move a file that is damaged, or not of this run, out of the way, so that its scenarios are
+        computed again.
+        """
+        if quarantine and is_folder(self.path):
+            remove_unfinished(self.path)
+        for path, part, problem in self.inspect(leave_out):
+            if part is not None:
+                yield part
+            elif quarantine:
+                self._quarantine(path)
+                warnings.warn(
+                    f"{path} {problem}: moved to {QUARANTINE}/, its scenarios are computed again", stacklevel=2
+                )
+            else:
+                warnings.warn(f"{path} {problem}: its scenarios would be computed again", stacklevel=2)
+
+    def inspect(self, leave_out: Collection[str] = ()) -> Iterator[Inspection]:
+        """Check every file among the shards; the variables ``leave_out`` are not decoded."""
+        for path in entries(self.path):
+            if is_unfinished(path):
+                continue
+            try:
+                inspection = self._inspect(path, leave_out)
+            except StorageError:
+                if exists(path):
+                    raise
+                continue  # the run in progress here has finished meanwhile
+            yield inspection
+
+    def require_within(self, part: xr.Dataset, n_scenarios: int) -> None:
+        """Refuse a sound shard with a scenario that the study does not have (``IntegrityError``)."""
+        last = int(part["scenario"].values[-1])
+        if last >= n_scenarios:
+            raise IntegrityError(
+                f"{self.path} holds scenario {last}, the study has {n_scenarios}: delete the folder and run again"
+            )
+
+    def discard(self) -> None:
+        """Remove the shards; a foreign file among them is moved to quarantine."""
+        if not is_folder(self.path):
+            return
+        remove_unfinished(self.path)
+        with storage_errors(self.path, "removed"):
+            for path in list(self.path.iterdir()):
+                path.unlink() if SHARD_NAME.fullmatch(path.name) else self._quarantine(path)
+            self.path.rmdir()
+
+    def _inspect(self, path: Path, leave_out: Collection[str]) -> Inspection:
+        named = SHARD_NAME.fullmatch(path.name)
+        with storage_errors(path, "read"):
+            if not named or (path.exists() and not path.is_file()):
+                return Inspection(path, None, "is no shard")
+            data = path.read_bytes()
+        # before anything else: the HDF5 library may crash on damaged bytes
+        if hashlib.sha256(data).hexdigest()[:32] != named[2]:
+            return Inspection(path, None, "is damaged (its hash differs)")
+        if not data.startswith(_SIGNATURE):
+            return Inspection(path, None, "is no NetCDF file")
+        try:
+            part = load(data, leave_out)
+        except (OSError, RuntimeError) as error:  # these are the bytes that were written
+            raise out_of_memory(f"{path} is sound, and cannot be read ({error})") from error
+        except ValueError:
+            return Inspection(path, None, "is no NetCDF file")
+        problem = self._problem(part, first=int(named[1]))
+        return Inspection(path, None, problem) if problem else Inspection(path, part)
+
+    def _problem(self, part: xr.Dataset, first: int) -> str:
+        """What is wrong with the content of a shard, empty if nothing is."""
+        if part.attrs.get("study") != self.key:
+            return "belongs to another study or another version of the model"
+        if not {"scenario", "status"} <= part.variables.keys() or part["scenario"].values[:1] != first:
+            return "does not match its name"
+        if not _is_flat(part):
+            return "does not have the form of a shard"
+        were_run = np.delete(np.arange(len(STATUS_MEANINGS)), STATUS_NOT_RUN)
+        return "" if np.isin(part["status"], were_run).all() else "was never filled"
+
+    def _quarantine(self, path: Path) -> None:
+        place = self.folder / QUARANTINE
+        with storage_errors(path, f"moved to {place}"):
+            make_folder(place)
+            names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
+            os.replace(path, next(place / name for name in names if not (place / name).exists()))
+
+
+def _is_flat(part: xr.Dataset) -> bool:
+    """Whether a part has ascending scenarios, one status each, and metrics that are numbers."""
+    index, status = part["scenario"], part["status"]
+    if index.dtype.kind not in "iu" or status.dtype.kind not in "iu" or status.dims != ("scenario",):
+        return False
+    if index.size == 0 or int(index.values[0]) < 0 or not (np.diff(index.values) > 0).all():
+        return False
+    return all(part[n].dims == ("scenario",) and part[n].dtype == float for n in METRICS if n in part.data_vars)
+
+
+# --- final files ------------------------------------------------------------------------------------------------------
+
+
+def publish(path: Path, write: Callable[[Path], object], manifest: Manifest) -> Manifest:
+    """Write a final file, or replace it; ``write`` gets the name to use.  Returns the manifest with its hash."""
+    recorded = manifest
+
+    def record(unfinished: Path) -> None:
+        nonlocal recorded
+        known = manifest.outputs.get(path.name, ())
+        kept = [found for found in known if path.exists() and found == file_sha256(path)]
+        new = file_sha256(unfinished)
+        hashes = [new, *(found for found in kept if found != new)]
+        recorded = replace(manifest, outputs={**manifest.outputs, path.name: hashes}, finished=False)
+        recorded.write(path.parent)
+
+    commit_written(path, write, record)
+    return recorded
+
+
+def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
+    """Open the results in a folder, checked against their hashes; traces stay on the disk until they are asked for.
+
+    Raises
+    ------
+    InputError
+        If there are none, or a later version of fastcoil wrote them.
+    StorageError, IntegrityError
+        If a file cannot be read; if its content is not what was written.
+    """
+    path = folder / RESULTS
+    if not exists(path):
+        raise InputError(f"{path} does not exist: run the study first")
+    ds = _stored(path, manifest).load()
+    try:
+        if int(ds.attrs.get("fastcoil_format", 0)) > FORMAT:
+            raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
+        if ds.attrs.get("content_sha256") != combined_sha256(ds):
+            raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
+    except (ValueError, TypeError) as error:
+        if isinstance(error, FastcoilError):
+            raise
+        raise IntegrityError(f"{path} cannot be understood ({error}); {_CURES[True]}") from error
+    try:
+        check_result(ds)
+    except InputError:
+        raise IntegrityError(
+            f"{path} is no result of a study (its status or metrics are missing, or no numbers); {_CURES[True]}"
+        ) from None
+    return add_traces(ds, folder, manifest)
+
+
+def add_traces(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> xr.Dataset:
+    """Add to the results their traces, which stay on the disk until they are asked for; raises as ``open_final``."""
+    file = trace_file(ds, folder, manifest)
+    if file is None:
+        return ds
+    file.identity()  # it is there
+    opened = ds.assign(open_lazily(file, json.loads(ds.attrs["trace_layout"])).data_vars)
+    problems = [] if manifest else find_variable_problems(opened, file.path)  # without the hash of the whole file
+    if problems:
+        raise IntegrityError("\n".join(problems))
+    return opened
+
+
+def trace_file(ds: xr.Dataset, folder: Path, manifest: Manifest | None) -> StoredFile | None:
+    """The file with the traces of the results ``ds``, if they have any."""
+    if "trace_file" not in ds.attrs:
+        return None
+    name = str(ds.attrs["trace_file"])
+    if not fnmatchcase(name, TRACE_FILES) or Path(name).name != name:
+        raise IntegrityError(f"{folder / RESULTS} names traces in {shown(name)}, which holds none; {_CURES[True]}")
+    return _stored(folder / name, manifest)
+
+
+def reworded(ds: xr.Dataset, attrs: Mapping[str, Any], folder: Path, manifest: Manifest) -> tuple[xr.Dataset, Manifest]:
+    """Write the complete results ``ds`` again with other words about the same study: title, question, text.
+
+    attrs: the words.  Traces stay as they are.  Returns the results and their manifest.
+    """
+    plain = ds.drop_vars([name for name in ds.data_vars if name in TRACES]).load().assign_attrs(attrs)
+    plain.attrs["content_sha256"] = combined_sha256(plain)
+    recorded = publish(folder / RESULTS, lambda unfinished: write(plain, unfinished, mode="w"), manifest)
+    result = add_traces(plain, folder, recorded)
+    return result, finished_manifest(result, folder, recorded)
+
+
+def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
+    """What is wrong with the values of the traces in ``path``, a sentence each; reads all of them."""
+    problems = []
+    for name, digest in json.loads(ds.attrs.get("trace_sha256", "{}")).items():
+        try:
+            same = name in ds.variables and variable_sha256(ds[name].variable) == digest
+        except (StorageError, MemoryError):
+            raise
+        except Exception:  # damaged bytes may raise anything in the library
+            same = False
+        if not same:
+            problems.append(f"{path}: {name} is damaged (its hash differs); {_CURES[False]}")
+    return problems
+
+
+def find_problems(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[str]:
+    """What is wrong with the results ``ds`` and their traces, a sentence each; hashes and reads all of them."""
+    problems = []
+    for file in filter(None, (_stored(folder / RESULTS, manifest), trace_file(ds, folder, manifest))):
+        try:
+            file.check(afresh=True)
+        except IntegrityError as error:
+            problems.append(str(error))
+    return problems or find_variable_problems(ds, folder / ds.attrs.get("trace_file", RESULTS))
+
+
+def finished_manifest(ds: xr.Dataset, folder: Path, manifest: Manifest) -> Manifest:
+    """The manifest of a study whose complete results are ``ds``, with the hashes of their files."""
+    files = [_stored(folder / RESULTS, manifest), trace_file(ds, folder, manifest)]
+    outputs = {file.path.name: [file.check()] for file in files if file is not None}
+    own_code = json.loads(ds.attrs.get("own_code", "{}"))
+    return replace(manifest, outputs=outputs, computed_on=environments_of(ds), finished=True, own_code=own_code)
+
+
+def _stored(path: Path, manifest: Manifest | None) -> StoredFile:
+    """A final file by its recorded hash; without one, as where ``run.json`` was lost, a child process tries it."""
+    accepted, cure = manifest.outputs.get(path.name) if manifest else None, _CURES[path.name == RESULTS]
+    return StoredFile(path, accepted, cure) if accepted else try_reading(path, cure)
