@@ -86,7 +86,7 @@ def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
     from fastcoil.base.machine import available_memory, gib
     from fastcoil.loops.labels import sizes_in_words
-    from fastcoil.loops.plan import check_disk, first_shards
+    from fastcoil.loops.plan import check_disk, shards_of
     from fastcoil.loops.simulate import estimate_seconds, workers
     from fastcoil.model.engine.lanes import compile_kernel
     from fastcoil.study.file.spec import read_study
@@ -105,7 +105,7 @@ def plan(study: Path, jobs: int | None) -> None:
     alone, each = planned.memory_of_run(n_jobs, "threads")
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
-    n_shards = sum(shard.n_in_chain for shard in first_shards(planned, n_jobs))
+    n_shards = len(shards_of(planned, n_jobs))
     n_steps = planned.n_scenarios * planned.n_steps
     say(f"Steps:       {planned.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
     say(f"Boundary:    {planned.layout.boundary.describe()}")

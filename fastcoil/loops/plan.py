@@ -1,8 +1,7 @@
 """A validated simulation: its scenarios, the memory and disk space it takes, and the shards that it is cut into.
 
-A shard is a set of scenarios that one worker runs.  Independent days are cut anywhere.  Days that are a sequence are
-cut into chains: a group of lanes (one loop and replicate each) on one stretch of days after the other, each begun in
-the state in which the one before ended.
+A shard is a set of scenarios that one worker runs.  Independent days are cut anywhere.  Where days are a sequence, a
+shard is some lanes (one loop and replicate each) on all days from the first on.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from typing import Any
 
 import joblib
 import numpy as np
-import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
@@ -26,12 +24,11 @@ from fastcoil.loops.assignment import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 from fastcoil.loops.clashes import check_clashes, check_stability, tell_doubts
-from fastcoil.loops.loop import Loop, words_used
+from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Days, Layout, commands_of
 from fastcoil.model.engine.emulator import DAY_COLUMNS
 from fastcoil.model.engine.lanes import TraceRequest
-from fastcoil.model.engine.rows import LANES, STATE_ROWS, VOLUME_ROWS
-from fastcoil.model.estimators.registry import ESTIMATORS
+from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.noise import RNG
 
@@ -81,11 +78,9 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
 _LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
 _SHARDS_PER_WORKER = 4
 _BYTES_PER_SHARD = 64 * 2**20
-_LANE_STEPS_PER_STRETCH = 1e9  # about 5 to 10 s: its end is kept with the state, which takes the room of some days
-_STRETCHES = 4  # of a chain, at least
+_LANE_STEPS_PER_SEQUENCE = 3e9  # about 40 s, which a kill costs at most, unless a single block takes longer
 _BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
 """Each group makes its days itself, which fewer blocks do not repay; more groups even out what workers have to do."""
-_MOST_BLOCKS_PER_GROUP = 64
 _OF_KERNELS, _OF_PROCESS = 64 * 2**20, 170 * 2**20
 """Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
 
@@ -162,19 +157,7 @@ class Plan:
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
         """Most room that a study takes on disk, while it is merged."""
-        return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept + self._state_bytes()
-
-    def _state_bytes(self) -> int:
-        """Size of the states that shards of a sequence of days hand on."""
-        if not self.carry_over:
-            return 0
-        loop = self.layout.loop
-        rules = [*filter(None, ESTIMATORS), *(rule.family for rule in loop.rules.values())]
-        used = words_used(loop, "estimator") | words_used(loop, "law")
-        remembered = sum(len(one.Memory._fields) + getattr(one, "words", 0) for one in rules if one.name in used)
-        numbers = len(STATE_ROWS) + len(VOLUME_ROWS) * self.n_volumes + remembered
-        _, days = self.chain_limits(1, -(-self.n_a_day // LANES))
-        return self.n_a_day * ((len(self.days) - 1) // days) * numbers * 8
+        return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
 
     def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
         """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.
@@ -202,24 +185,20 @@ class Plan:
         by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
         return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
 
-    def chain_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
-        """Most lanes of a group and most days of a shard, if ``n_blocks`` a day are to be run."""
-        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
-        n_groups = 1
+    def lanes_of_sequence(self, n_jobs: int, n_lanes: int) -> int:
+        """Most lanes of a shard, if ``n_lanes`` are to be run on days in sequence."""
+        n_blocks, n_groups = -(-n_lanes // LANES), 1
         if n_jobs > 1:
             n_groups = max(n_jobs, min(n_blocks // _BLOCKS_PER_GROUP, n_jobs * _GROUPS_PER_WORKER))
-        blocks = min(-(-n_blocks // n_groups), _MOST_BLOCKS_PER_GROUP)
-        lanes = max(LANES, min(blocks * LANES, by_size // LANES * LANES))
-        by_work = round(_LANE_STEPS_PER_STRETCH / (self.n_steps * lanes))
-        return lanes, max(1, min(by_work, by_size // lanes, len(self.days) // _STRETCHES))
+        by_work = int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES))
+        by_size = _BYTES_PER_SHARD * self.n_a_day // (self.metric_bytes + self.trace_bytes)
+        return max(1, min(LANES * max(1, min(-(-n_blocks // n_groups), by_work)), by_size))
 
     def _largest_shard(self, n_jobs: int) -> int:
         """Number of scenarios."""
-        n_blocks = -(-self.n_a_day // LANES)
         if self.carry_over:
-            lanes, days = self.chain_limits(n_jobs, n_blocks)
-            return min(lanes * days, self.n_scenarios)
-        blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * n_blocks)
+            return min(self.lanes_of_sequence(n_jobs, self.n_a_day), self.n_a_day) * len(self.days)
+        blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * -(-self.n_a_day // LANES))
         return min(blocks * LANES, scenarios, self.n_scenarios)
 
 
@@ -308,140 +287,51 @@ def _trace_problems(traces: object) -> list[str]:
     return problems + [f"traces: {n} is listed twice" for n in TRACES if traces.count(n) > 1]
 
 
-END_STATE = "end_state"
-"""Variable of a flat part, (lane, number): the state that its lanes carry over, see ``fastcoil.model.engine.lanes``."""
-
-
 @dataclass(frozen=True)
 class Shard:
-    """Scenarios that one worker runs: of independent days any, of a sequence of days a group of lanes on some of them.
+    """Scenarios that one worker runs: of independent days any, of a sequence of days some lanes on all of them.
 
-    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day.  The others
-    are of a sequence: its consecutive days; the day before which the chain ends; most days of a shard of the chain;
-    begins: (n_lanes, n), the state in which its lanes begin, ``None`` on the first day.
+    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day.  Of a sequence
+    alone: first, the day from which on results are kept, and end, the day before which it ends.
     """
 
     lanes: np.ndarray
     of: int = 0
-    days: range = range(1)
+    first: int = 0
     end: int = 1
-    length: int = 1
-    begins: np.ndarray | None = field(default=None, repr=False)
-
-    @classmethod
-    def starting(
-        cls, first: int, lanes: np.ndarray, of: int, end: int, length: int, begins: np.ndarray | None = None
-    ) -> Shard:
-        """The shard of a sequence that starts on day ``first``."""
-        return cls(lanes, of, range(first, min(first + length, end)), end, length, begins)
 
     @property
     def is_sequence(self) -> bool:
         """Whether its days are a sequence."""
         return self.of > 0
 
-    def on(self, days: range) -> np.ndarray:
-        """Flat indices of its lanes on some days, ascending."""
-        return np.asarray(np.arange(days.start, days.stop)[:, np.newaxis] * self.of + self.lanes).ravel()
-
     @property
     def index(self) -> np.ndarray:
         """Flat indices of its scenarios, ascending."""
-        return self.on(self.days)
+        return np.asarray(np.arange(self.first, self.end)[:, np.newaxis] * self.of + self.lanes).ravel()
 
     @property
     def size(self) -> int:
-        return self.lanes.size * len(self.days)
-
-    @property
-    def lost(self) -> np.ndarray:
-        """Flat indices of all that cannot be run if this shard cannot."""
-        return self.on(range(self.days.start, self.end))
-
-    @property
-    def n_in_chain(self) -> int:
-        """Number of shards from this one to the end of the chain."""
-        return 1 - (self.days.stop - self.end) // self.length
+        return self.lanes.size * (self.end - self.first)
 
     def halves(self) -> list[Shard]:
-        """Two groups of lanes; of a single lane, the first half of the days, which the rest comes after."""
-        if self.lanes.size == 1:
-            return [replace(self, days=self.days[: len(self.days) // 2])]
-        return [
-            replace(self, lanes=self.lanes[half], begins=None if self.begins is None else self.begins[half])
-            for half in np.array_split(np.arange(self.lanes.size), 2)
-        ]
-
-    def after(self, part: xr.Dataset) -> Shard | None:
-        """The shard that follows this one, given its results; None at the end of a chain."""
-        return self.begun(part[END_STATE].values) if self.days.stop < self.end else None
-
-    def begun(self, state: np.ndarray) -> Shard:
-        """The shard that follows; ``state``: in which this one ended."""
-        return Shard.starting(self.days.stop, self.lanes, self.of, self.end, self.length, state)
+        """Two groups of its lanes."""
+        return [replace(self, lanes=half) for half in np.array_split(self.lanes, 2)]
 
 
-class Reached:
-    """How far the chains of a sequence have been run, and the states that they ended in; at first, nothing has been."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._of = plan.n_a_day
-        self._through = np.zeros(self._of, dtype=np.int64)
-        self.day = np.zeros(self._of, dtype=np.int64)
-        """Of each lane the last day, plus 1, at whose end its state is known."""
-        self.states: dict[int, np.ndarray] = {}
-        """State of a lane there."""
-
-    def take(self, part: xr.Dataset) -> None:
-        """Note the results of a shard; those of earlier days come first."""
-        index = part["scenario"].values
-        first, end = int(index[0]) // self._of, int(index[-1]) // self._of + 1
-        lanes = index[index // self._of == first] % self._of
-        follows = self._through[lanes] >= first
-        going_on = lanes[follows]
-        self._through[going_on] = np.maximum(self._through[going_on], end)
-        if END_STATE not in part or part[END_STATE].shape[0] != lanes.size:
-            return
-        for lane, state in zip(going_on.tolist(), part[END_STATE].values[follows], strict=True):
-            if self.day[lane] < end:
-                self.day[lane], self.states[lane] = end, state
-
-
-def first_shards(
-    plan: Plan, n_jobs: int, todo: np.ndarray | None = None, reached: Reached | None = None
-) -> list[Shard]:
-    """The shards that can start immediately; where days are a sequence, others follow.
-
-    todo: flat indices of the scenarios to run, ascending; all by default.  reached: where to go on, from the first day
-    on by default.  Days between that and the first to run are run again.
-    """
+def shards_of(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> list[Shard]:
+    """The shards of the scenarios ``todo``: flat indices, ascending; all by default."""
     if not plan.carry_over:
         return [Shard(index) for index in plan.shards(n_jobs, todo)]
-    of, reached = plan.n_a_day, reached or Reached(plan)
-    chains = _chains(np.arange(plan.n_scenarios) if todo is None else todo, of, reached.day)
-    most, days = plan.chain_limits(n_jobs, sum(-(-lanes.size // LANES) for *_, lanes in chains))
-    found: list[Shard] = []
-    for first, end, lanes in chains:
-        n_blocks, n_groups = -(-lanes.size // LANES), -(-lanes.size // most)
-        edges = np.arange(1, n_groups) * n_blocks // n_groups * LANES  # whole blocks, about equal
-        for group in np.split(lanes, edges):
-            begins = None if first == 0 else _stacked([reached.states[k] for k in group.tolist()])
-            found.append(Shard.starting(first, group, of, end, days, begins))
-    return found
-
-
-def _chains(todo: np.ndarray, of: int, reached: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
-    """First day, end and lanes of what is to be run, ``of`` scenarios a day."""
-    end = np.zeros(of, dtype=np.int64)
+    of, todo = plan.n_a_day, np.arange(plan.n_scenarios) if todo is None else todo
+    first, end = np.full(of, len(plan.days)), np.zeros(of, dtype=np.int64)
+    np.minimum.at(first, todo % of, todo // of)
     np.maximum.at(end, todo % of, todo // of + 1)
     lanes = np.flatnonzero(end)
-    ways, way_of = np.unique(np.stack([reached[lanes], end[lanes]]), axis=1, return_inverse=True)
-    return [(int(first), int(last), lanes[way_of.ravel() == k]) for k, (first, last) in enumerate(ways.T)]
-
-
-def _stacked(states: list[np.ndarray]) -> np.ndarray:
-    """States as rows; lanes of another kind may have shorter ones."""
-    found = np.zeros((len(states), max(state.size for state in states)))
-    for row, state in zip(found, states, strict=True):
-        row[: state.size] = state
+    most = plan.lanes_of_sequence(n_jobs, lanes.size)
+    ways, way_of = np.unique(np.stack([first[lanes], end[lanes]]), axis=1, return_inverse=True)
+    found = []
+    for k, (begin, stop) in enumerate(ways.T.tolist()):
+        alike = lanes[way_of.ravel() == k]
+        found += [Shard(alike[n : n + most], of, begin, stop) for n in range(0, alike.size, most)]
     return found

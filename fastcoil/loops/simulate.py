@@ -20,7 +20,7 @@ from fastcoil.base.arguments import checking, flag_of, whole_of
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.plan import END_STATE, Plan, Shard, first_shards, plan_simulation, simulation_attributes
+from fastcoil.loops.plan import Plan, Shard, plan_simulation, shards_of, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.model.engine.emulator import Day
@@ -31,9 +31,7 @@ from fastcoil.model.engine.lanes import (
     blocks,
     parameter_matrix,
     run_block,
-    state_of,
     work_space,
-    work_space_from,
 )
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.jit import compiled_for
@@ -114,15 +112,12 @@ def run_interruptibly(
 
 
 def run_shard(plan: Plan, shard: Shard) -> xr.Dataset:
-    """Run the scenarios of a shard, day by day and block by block.
-
-    Returns a flat Dataset, see ``flat_dataset``; of a stretch that others follow it also has ``END_STATE``.
-    """
+    """Run the scenarios of a shard, day by day and block by block.  Returns a flat Dataset, see ``flat_dataset``."""
     found = Results(plan, shard.size)
-    end = run_into(found, plan, shard, np.arange(shard.size))
+    run_into(found, plan, shard, np.arange(shard.size))
     part = flat_dataset(shard.index, found.metrics, found.status, found.traces, plan.traces.interval)
     part.attrs["computed_on"] = json.dumps([compiled_for()])
-    return part if end is None else part.assign({END_STATE: (("lane", "number"), end)})
+    return part
 
 
 class Results:
@@ -146,21 +141,13 @@ class Results:
             self.traces[name][members, *volumes] = signal[..., : members.size].T
 
 
-def run_into(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> np.ndarray | None:
-    """Run the scenarios of a shard.  places: (n,), where their results go; other threads may fill other places.
-
-    Returns the states at the end of a stretch that others come after, (n_lanes, n_numbers).
-    """
-    if not shard.is_sequence:
-        _run_days_apart(found, plan, shard, places)
-        return None
-    end = _run_days_in_sequence(found, plan, shard, places)
-    return end if shard.days.stop < shard.end else None
-
-
-def _run_days_apart(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> None:
-    columns = plan.layout.columns(shard.index)
+def run_into(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> None:
+    """Run the scenarios of a shard.  places: (n,), where their results go; other threads may fill other places."""
     rules = rules_for_kernels(plan.layout.loop.rules)
+    if shard.is_sequence:
+        _run_days_in_sequence(found, plan, shard, places, rules)
+        return
+    columns = plan.layout.columns(shard.index)
     matrix = parameter_matrix(columns, rules)
     for k in np.unique(columns["day"]):
         day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
@@ -168,26 +155,19 @@ def _run_days_apart(found: Results, plan: Plan, shard: Shard, places: np.ndarray
             found.run(block, day, places[of_day[lanes]])
 
 
-def _run_days_in_sequence(found: Results, plan: Plan, stretch: Shard, places: np.ndarray) -> np.ndarray:
-    """Returns the state of every lane at the end, (n_lanes, n)."""
-    rules = rules_for_kernels(plan.layout.loop.rules)
-    n = stretch.lanes.size
+def _run_days_in_sequence(found: Results, plan: Plan, shard: Shard, places: np.ndarray, rules: Any) -> None:
+    """Days before the first whose results are kept are run without traces."""
     # parameters do not change from day to day
-    matrix = parameter_matrix(plan.layout.columns(stretch.index[:n]), rules)
-    begins = stretch.begins
-    running = [
-        (lanes, block, work_space(block) if begins is None else work_space_from(block, begins[lanes]))
-        for lanes, block in blocks(matrix, rules)
-    ]
-    for k, number in enumerate(stretch.days):
+    matrix = parameter_matrix(plan.layout.columns(shard.lanes), rules)
+    running = [(lanes, block, work_space(block)) for lanes, block in blocks(matrix, rules)]
+    for number in range(shard.end):
         day = plan.days[number]
+        of_day = places[(number - shard.first) * shard.lanes.size :]
         for lanes, block, work in running:
-            found.run(block, day, places[k * n + lanes], work)
-    states = [(lanes, state_of(block, work)) for lanes, block, work in running]
-    end = np.zeros((n, max(state.shape[1] for _, state in states)))
-    for lanes, state in states:
-        end[lanes, : state.shape[1]] = state[: lanes.size]
-    return end
+            if number < shard.first:
+                run_interruptibly(block, day, TraceRequest(), work)
+            else:
+                found.run(block, day, of_day[lanes], work)
 
 
 _SHARDS_TIMED, _STEPS_TIMED = 3, 28_800
@@ -198,16 +178,14 @@ _PER_TRACE_BYTE, _PER_METRIC_BYTE, _PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
 
 def estimate_seconds(plan: Plan, n_jobs: int) -> float:
     """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks."""
-    first = first_shards(plan, n_jobs)
-    # of a sequence of days the first of each group
-    pieces = [shard.on(range(1)) for shard in first]
-    timed = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, _SHARDS_TIMED).astype(int))]
-    work = sum(_seconds_of(plan, shard) for shard in timed) * plan.n_scenarios / sum(map(len, timed))
+    shards = shards_of(plan, n_jobs)
+    timed = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _SHARDS_TIMED).astype(int))]
+    # of a sequence the first day stands for all
+    pieces = [shard.lanes if shard.is_sequence else shard.index for shard in timed]
+    work = sum(_seconds_of(plan, piece) for piece in pieces) * plan.n_scenarios / sum(map(len, pieces))
     bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE
-    afterwards = (
-        sum(shard.n_in_chain for shard in first) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
-    )
-    return work / min(n_jobs, len(first)) + afterwards
+    afterwards = len(shards) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
+    return work / min(n_jobs, len(shards)) + afterwards
 
 
 def _seconds_of(plan: Plan, piece: np.ndarray) -> float:
@@ -308,12 +286,10 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
     found = Results(plan, plan.n_scenarios)
 
     def run(shard: Shard) -> None:
-        while (state := run_into(found, plan, shard, shard.index)) is not None:
-            advance(shard.size)
-            shard = shard.begun(state)
+        run_into(found, plan, shard, shard.index)
         advance(shard.size)
 
-    shards = first_shards(plan, n_jobs)
+    shards = shards_of(plan, n_jobs)
     several = min(n_jobs, len(shards)) > 1
     with on_threads(n_jobs, run, shards) if several else nullcontext():
         attrs = {"title": "fastcoil simulation", **provenance(), **simulation_attributes(plan)}

@@ -137,12 +137,8 @@ def _run_one(plan: Plan, flat: int) -> xr.Dataset:
     """The flat results of one scenario; of a sequence of days the days before are run first, without traces."""
     if not plan.carry_over:
         return run_shard(plan, Shard(np.array([flat])))
-    of = plan.n_a_day
-    day, lane = divmod(flat, of)
-    first = Shard.starting(0, np.array([lane]), of, day + 1, max(1, day))
-    last = first.after(run_shard(replace(plan, traces=TraceRequest()), first)) if day else first
-    assert last is not None
-    return run_shard(plan, last)
+    day, lane = divmod(flat, plan.n_a_day)
+    return run_shard(plan, Shard(np.array([lane]), plan.n_a_day, day, day + 1))
 
 
 def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:

@@ -16,7 +16,7 @@ from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_
 from fastcoil.base.errors import InputError, IntegrityError, StorageError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
-from fastcoil.loops.plan import END_STATE, Reached, check_disk, check_workers, first_shards
+from fastcoil.loops.plan import check_disk, check_workers, shards_of
 from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.scenarios import check_same_form
 from fastcoil.loops.simulate import workers
@@ -53,13 +53,11 @@ class _Work(NamedTuple):
     """What is left to do.
 
     manifest: of the run.  computed: what the folder has of it.  missing: flat indices of the scenarios to run.
-    reached: how far its chains of days are.
     """
 
     manifest: Manifest
     computed: Computed
     missing: np.ndarray
-    reached: Reached
 
 
 class _Workers(NamedTuple):
@@ -219,8 +217,8 @@ def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Datase
         refuse_other_code(asked.own_code, stored.own_code)
     manifest = asked.knowing(stored)
     computed = Computed.find(store, study, manifest)
-    missing, environments, reached = computed.survey()
-    return _Work(replace(manifest, computed_on=environments, finished=False), computed, missing, reached)
+    missing, environments = computed.survey()
+    return _Work(replace(manifest, computed_on=environments, finished=False), computed, missing)
 
 
 def _put_right(study: Study, store: StudyFolder, ds: xr.Dataset, manifest: Manifest) -> xr.Dataset:
@@ -245,7 +243,7 @@ def _run_and_merge(
     if work.missing.size:
         if asked.scheduler is None:
             check_workers(*plan.memory_of_run(n_jobs, asked.backend), n_jobs)
-        n_run = sum(shard.lost.size for shard in first_shards(plan, n_jobs, work.missing, work.reached))
+        n_run = sum(shard.size for shard in shards_of(plan, n_jobs, work.missing))
         advance = progress(n_run) if progress else lambda n: None
         n_jobs, manifest = _run(study, store, work, asked, advance)
     elif not store.records(manifest, study.text):
@@ -275,7 +273,7 @@ def _run(
     recorded, first = store.records(manifest, study.text), None
     with closing(make_pool(asked.backend, job, asked.n_jobs, asked.scheduler)) as pool:
         n_jobs = pool.n_workers  # a cluster may have another number
-        for part in run_shards(pool, job, first_shards(plan, n_jobs, work.missing, work.reached)):
+        for part in run_shards(pool, job, shards_of(plan, n_jobs, work.missing)):
             for environment in environments_of(part):
                 if environment not in manifest.computed_on:
                     _warn_of_difference(store.path, environment, manifest.computed_on)
@@ -284,7 +282,7 @@ def _run(
             if not recorded:
                 store.write_manifest(manifest, study.text)
                 recorded = True
-            first = check_same_form(first, part.drop_vars(END_STATE, errors="ignore"))
+            first = check_same_form(first, part)
             work.computed.shards.commit(part)
             advance(part.sizes["scenario"])
     return n_jobs, manifest
@@ -305,7 +303,7 @@ def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked:
     smaller = store.read_study(stored)
     computed = Computed.find(store, smaller, stored)
     # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them
-    missing, environments, _ = computed.survey()
+    missing, environments = computed.survey()
     if missing.size < smaller.plan.n_scenarios:
         match_scenarios(study.plan, study_attributes(study, asked), open_study(store.path))
         merge(store, smaller, replace(stored, computed_on=environments), computed.parts, complete=False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fastcoil.loops.plan import END_STATE, Shard
+from fastcoil.loops.plan import Shard
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.study.workers import pools
 from fastcoil.study.workers.pools import run_shards
@@ -24,21 +24,6 @@ def healthy(index):
     return xr.Dataset({"status": ("scenario", status)}, {"scenario": np.array(index)})
 
 
-def answer_to(shard):
-    """The results of a shard.  The state of a lane is its number and the day that comes next, and is looked at."""
-    part = healthy(shard.index)
-    if not shard.is_sequence:
-        return part
-    lanes = shard.lanes
-
-    def at(day):
-        return np.stack([lanes, np.full(lanes.size, day)], axis=1)
-
-    assert (shard.begins is None) == (shard.days.start == 0), "a stretch goes on from a state"
-    assert shard.begins is None or np.array_equal(shard.begins, at(shard.days.start)), "of another lane, or another day"
-    return part.assign({END_STATE: (("lane", "number"), at(shard.days.stop))})
-
-
 class Pool:
     """A pool whose workers die of some scenarios, and now and then of nothing."""
 
@@ -48,7 +33,7 @@ class Pool:
         self.n_workers, self.falls_together = n_workers, falls_together
         self.culprits, self.clumsy = set(culprits), clumsy
         self.dice = random.Random(seed)
-        self.flying, self.shards = {}, {}
+        self.flying = {}
         self.runs, self.most_flying, self.n_deaths = [], 0, 0
 
     def submit(self, shard):
@@ -56,7 +41,6 @@ class Pool:
         assert not any(set(index) & set(other) for other in self.flying.values()), "a scenario is run twice at once"
         future = cf.Future()
         self.flying[future] = index.tolist()
-        self.shards[future] = shard
         self.most_flying = max(self.most_flying, len(self.flying))
         if self.dice.random() < self.clumsy:
             self._let_die(future)
@@ -80,7 +64,7 @@ class Pool:
                 self._let_die(future)
             else:
                 self.runs += index
-                future.set_result(answer_to(self.shards[future]))
+                future.set_result(healthy(index))
         done = {f for f in futures if f.done()}
         for future in done:
             del self.flying[future]

@@ -162,25 +162,19 @@ def test_seconds_count_and_are_settled_as_in_one_piece(n_steps):
     ]
 
 
-def test_a_stretch_may_go_on_in_other_blocks():
-    """Lanes of several kinds, cut anew after the first day, end with the metrics of those that were left together."""
+def test_lanes_on_the_last_days_alone_and_in_other_blocks_have_the_same_metrics():
     loop = LBNL.assign(
         backlash=("sample", np.linspace(0.01, 0.12, 67)), estimator=["learner", "none", "identify"],
         learning_step=0.01, learning_interval=700, plant_gain=15.0, n_volumes=("sample", [8, 4] * 33 + [8]),
     )  # fmt: skip
     plan = plan_simulation(loop, in_days(), warm_up=WARM_UP, carry_over=True)
-    of = plan.n_scenarios // N_DAYS
-    whole = run_shard(plan, Shard.starting(0, np.arange(of), of, N_DAYS, N_DAYS))
-    first = Shard.starting(0, np.arange(of), of, N_DAYS, 1)
-    one, other = first.after(run_shard(plan, first)).halves()
-    pieces = [other, *one.halves()]
-    assert [piece.lanes.size for piece in pieces] == [100, 51, 50]
-    while pieces:
-        piece = pieces.pop()
+    of = plan.n_a_day
+    whole = run_shard(plan, Shard(np.arange(of), of, 0, N_DAYS))
+    one, other = Shard(np.arange(of), of, 1, N_DAYS).halves()
+    for piece in (one, other, Shard(np.arange(3, of, 50), of, 2, N_DAYS)):
         done = run_shard(plan, piece)
         for name in METRICS:
             np.testing.assert_array_equal(done[name], whole[name].values[piece.index], err_msg=name)
-        pieces += filter(None, [piece.after(done)])
 
 
 @fc.law(Settings, Known)

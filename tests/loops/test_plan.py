@@ -14,7 +14,6 @@ from fastcoil.base.errors import InputError
 from fastcoil.loops import plan as resources
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.scenarios import join_flat
-from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import STATUS_CRASHED
 
@@ -140,19 +139,6 @@ def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(d
     assert year.memory_of_run(1, "threads")[1] > 2 * year.boundary_bytes
 
 
-def test_a_sequence_of_days_takes_the_states_of_its_shards_on_disk_too():
-    loop = fc.Loop(backlash=[0.0, 0.1], estimator=["none", "identify"], plant_gain=15.0)
-    plan = plan_simulation(loop, minutes(8), warm_up=60, carry_over=True)
-    todo, written = resources.first_shards(plan, 1), 0
-    while todo:
-        shard = todo.pop()
-        part = run_shard(plan, shard)
-        written += part[resources.END_STATE].nbytes if resources.END_STATE in part else 0
-        todo += filter(None, [shard.after(part)])
-    apart = plan_simulation(loop, minutes(8), warm_up=60)
-    assert plan.disk_bytes() - apart.disk_bytes() >= written > 0
-
-
 # How scenarios are cut into shards
 
 
@@ -185,6 +171,27 @@ def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
     assert sum(pieces, start=np.zeros(n_days, dtype=np.int64)).tolist() == blocks_of_day.tolist()
     most, _ = plan.shard_limits(n_jobs, int(blocks_of_day.sum()))
     assert max((int(one.sum()) for one in pieces), default=0) <= most
+
+
+def test_days_in_sequence_are_shards_of_bounded_work_and_size_with_what_is_left_of_each_lane(monkeypatch):
+    plan = plan_simulation(
+        fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 300))), minutes(5), warm_up=60, carry_over=True
+    )
+    for n_jobs in (1, 2, 8):
+        shards = resources.shards_of(plan, n_jobs)
+        assert len(shards) >= min(n_jobs, 5)
+        assert sorted(k for shard in shards for k in shard.index) == list(range(1500))
+        assert all(shard.lanes.size % LANES == 0 for shard in shards[:-1])
+    todo = np.r_[7, 307, 1208, 1499]  # a lane from its first day to its second, two on their last
+    left = resources.shards_of(plan, 1, todo)
+    assert sorted((shard.lanes.tolist(), shard.first, shard.end) for shard in left) == [
+        ([7], 0, 2),
+        ([8, 299], 4, 5),
+    ]
+    monkeypatch.setattr(resources, "_LANE_STEPS_PER_SEQUENCE", 5 * 120 * LANES * 2.5)
+    assert {shard.lanes.size for shard in resources.shards_of(plan, 1)} == {2 * LANES, 300 % (2 * LANES)}
+    monkeypatch.setattr(resources, "_BYTES_PER_SHARD", 3 * (plan.metric_bytes + plan.trace_bytes) // plan.n_a_day)
+    assert max(shard.lanes.size for shard in resources.shards_of(plan, 1)) == 3
 
 
 def test_a_shard_holds_no_more_than_its_share_of_bytes(days):

@@ -21,7 +21,7 @@ from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.base.files import exists, is_file, is_folder, storage_errors
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import layout_of, try_reading, write
-from fastcoil.loops.plan import END_STATE, Plan, Reached, simulation_attributes
+from fastcoil.loops.plan import Plan, simulation_attributes
 from fastcoil.loops.provenance import combined_sha256, environments_of, provenance, variable_sha256
 from fastcoil.loops.scenarios import check_result, columns_of, join_flat, unflatten
 from fastcoil.model.engine.lanes import parameter_matrix
@@ -224,14 +224,6 @@ def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, s
     return keys
 
 
-class Survey(NamedTuple):
-    """Flat indices of the scenarios that are missing, the environments that computed the others, how far chains are."""
-
-    missing: np.ndarray
-    environments: list[dict[str, str]]
-    reached: Reached
-
-
 @dataclass(frozen=True)
 class Computed:
     """What a folder has of a study.
@@ -266,25 +258,23 @@ class Computed:
             raise IntegrityError("\n".join(problems))
         return cls(study, shards, results, match)
 
-    def survey(self) -> Survey:
-        """What is to be run, and where the rest was computed; damaged shards are moved to quarantine."""
+    def survey(self) -> tuple[np.ndarray, list[dict[str, str]]]:
+        """Flat indices of the missing scenarios, and where the others were computed; damaged shards are set aside."""
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.match.new] = True
         environments = environments_of(self.earlier) if self.earlier is not None and self.match.new.size else []
-        reached = Reached(self.study.plan)
         for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
             index = part["scenario"].values
             done[index[index < done.size]] = True  # what is beyond is reported when the parts are joined
-            reached.take(part)
             environments += [each for each in environments_of(part) if each not in environments]
-        return Survey(np.flatnonzero(~done), environments, reached)
+        return np.flatnonzero(~done), environments
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """All parts, without the variables ``leave_out``: the earlier results and the shards.
 
         Each scenario once: after a merge that was killed before it removed the shards, it is in both.
         """
-        parts = self.shards.read(quarantine=quarantine, leave_out={*leave_out, END_STATE})
+        parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
         if self.earlier is not None and self.match.new.size:
             parts = chain([self._earlier_part(self.earlier, leave_out)], parts)
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)

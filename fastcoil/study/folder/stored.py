@@ -54,6 +54,8 @@ _FOLDER_FORMAT = 2
 """Of the folder; no other one is read."""
 _CHECKSUM = "sha256"
 _LARGEST = 2**20  # bytes of ``run.json``
+_FORMER = "end_state"
+"""Variable of shards that earlier versions wrote of days in sequence."""
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged final file, by whether it has the results."""
@@ -250,7 +252,7 @@ class Shards:
         if not data.startswith(_SIGNATURE):
             return Inspection(path, None, "is no NetCDF file")
         try:
-            part = load(data, leave_out)
+            part = load(data, {*leave_out, _FORMER})
         except (OSError, RuntimeError) as error:  # these are the bytes that were written
             raise out_of_memory(f"{path} is sound, and cannot be read ({error})") from error
         except ValueError:

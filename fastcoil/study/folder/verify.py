@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
-from fastcoil.loops.plan import END_STATE
 from fastcoil.loops.scenarios import check_same_form
 from fastcoil.study.folder import stored
 from fastcoil.study.folder.folder import StudyFolder
@@ -65,7 +64,7 @@ def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]
 def _problems_of_shards(shards: Shards, n_scenarios: int | None) -> Iterator[str]:
     """n_scenarios: of the study, ``None`` if it cannot be read."""
     first = None
-    for shard in shards.inspect({END_STATE}):
+    for shard in shards.inspect():
         if shard.part is None:
             yield f"{shard.path} {shard.problem}"
             continue

@@ -60,11 +60,11 @@ class Pool(Protocol):
 
 
 def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dataset]:
-    """Run every shard, and all that come after them, and yield their flat results (see ``run_shard``).
+    """Run every shard and yield its flat results (see ``run_shard``).
 
     Shards that were in flight when a worker died are suspects: each is run again alone, and one that takes its worker
-    down once more is halved, until single scenarios are found guilty.  These, and the days that would follow from
-    theirs, get the status ``crashed``, but not before another result has shown that the workers are not to blame.
+    down once more is halved, until single scenarios, or days in sequence of a single loop, are found guilty.  These get
+    the status ``crashed``, but not before another result has shown that the workers are not to blame.
 
     Raises
     ------
@@ -80,9 +80,6 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
         alone = bool(suspects)
         for shard, outcome in _outcomes(pool, deque([suspects.popleft()]) if alone else waiting):
             if isinstance(outcome, xr.Dataset):
-                following = shard.after(outcome)
-                if following is not None:
-                    waiting.append(following)
                 yield from (crashed_part(job, index) for index in guilty)
                 yield outcome
                 guilty, n_deaths = [], 0
@@ -95,12 +92,12 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
                 )
             if not alone:
                 suspects.append(shard)
-            elif shard.size > 1:
+            elif shard.lanes.size > 1:
                 suspects.extendleft(reversed(shard.halves()))
             elif isinstance(outcome, MemoryError):
                 raise out_of_memory("not even a single scenario can be run") from outcome
             else:
-                guilty.append(shard.lost)
+                guilty.append(shard.index)
     yield from (crashed_part(job, index) for index in guilty)
 
 

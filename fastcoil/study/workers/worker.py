@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError
-from fastcoil.loops.plan import END_STATE, Plan, Shard
+from fastcoil.loops.plan import Plan, Shard
 from fastcoil.loops.scenarios import flat_dataset
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
@@ -56,7 +56,7 @@ def run_scenarios(job: Job, shard: Shard) -> xr.Dataset:
     swept = {name: ("scenario", columns[name]) for name in job.plan.layout.loop.swept}
     traces = part[list(job.plan.traces.names)].assign_coords(swept)
     return (
-        part[[n for n in (*METRICS, "status", END_STATE) if n in part]]
+        part[[*METRICS, "status"]]
         .drop_vars(["elapsed_time", "volume"], errors="ignore")
         .merge(reduce(job.reduction, traces))
     )

@@ -10,10 +10,10 @@ from helpers.studies import golden, quarantined, run, run_until_interrupted, sha
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.loops import netcdf, plan
-from fastcoil.loops.plan import END_STATE
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
+from fastcoil.study.folder.folder import StudyFolder
 
 pytestmark = pytest.mark.kernel
 
@@ -42,14 +42,14 @@ warm_up = 100
 carry_over = true
 """
 GROUPS = CARRIED.replace("size = 3", "size = 18")
-"""More lanes than a block has."""
+"""Lanes of three blocks."""
 TRACED = CARRIED + 'traces = ["T_sup", "mode"]\ntrace_interval = 60\n'
 
 
 @pytest.fixture(autouse=True)
-def short_stretches(monkeypatch):
-    """Two days each."""
-    monkeypatch.setattr(plan, "_STRETCHES", 3)
+def one_block_each(monkeypatch):
+    """Shards of as few lanes as the kernel takes together."""
+    monkeypatch.setattr(plan, "_LANE_STEPS_PER_SEQUENCE", 1.0)
 
 
 def resumed(text, folder, **options):
@@ -70,43 +70,41 @@ def test_the_results_are_those_of_simulate(tmp_path):
     assert stored.attrs["carry_over"] == 1
     for name in ds.data_vars:
         np.testing.assert_array_equal(stored[name].values, ds[name].values, err_msg=name)
-    assert END_STATE not in stored
 
 
-@pytest.mark.parametrize("text", [CARRIED, pytest.param(TRACED, marks=pytest.mark.full)], ids=["plain", "traced"])
-def test_a_chain_goes_on_from_its_last_shard(tmp_path, text):
-    run_until_interrupted(text, tmp_path / "out", 2)
-    golden(text)
-    before = [netcdf.load(path.read_bytes()) for path in shards(tmp_path / "out")]
-    assert all(END_STATE in part for part in before)
-    ran = []
-    real = maintenance.run_shard
-    with pytest.MonkeyPatch.context() as patch:
-        from fastcoil.study.workers import worker
-
-        patch.setattr(worker, "run_shard", lambda plan, shard: ran.append(shard.days.start) or real(plan, shard))
-        assert resumed(text, tmp_path / "out") == []
-    assert min(ran) == 4, "days 0 to 3 were done"
+@pytest.mark.parametrize("n_jobs", [1, 3])
+def test_only_lanes_that_are_missing_are_run_again_whatever_the_number_of_workers(tmp_path, n_jobs):
+    study = write_study(GROUPS, tmp_path / "out")
+    run_until_interrupted(GROUPS, tmp_path / "out", 1)
+    (first,) = (netcdf.load(path.read_bytes())["scenario"].size for path in shards(tmp_path / "out"))
+    finished = runner.execute(study, tmp_path / "out", n_jobs=n_jobs)
+    assert finished.n_run == study.plan.n_scenarios - first < study.plan.n_scenarios
+    assert finished.results.attrs["content_sha256"] == golden(GROUPS)
 
 
-@pytest.mark.parametrize("which", [0, 1])
-def test_a_damaged_shard_is_computed_again_with_what_comes_after_it(tmp_path, which):
-    run_until_interrupted(CARRIED, tmp_path / "out", 2)
-    shards(tmp_path / "out")[which].write_bytes(b"damaged")
-    (said,) = resumed(CARRIED, tmp_path / "out")
+def test_a_damaged_shard_is_computed_again(tmp_path):
+    run_until_interrupted(GROUPS, tmp_path / "out", 1)
+    shards(tmp_path / "out")[0].write_bytes(b"damaged")
+    (said,) = resumed(GROUPS, tmp_path / "out")
     assert "its scenarios are computed again" in said
     assert len(quarantined(tmp_path / "out")) == 1
+
+
+def test_shards_of_an_earlier_version_with_states_and_some_of_the_days_are_taken(tmp_path):
+    out = tmp_path / "out"
+    run_until_interrupted(GROUPS, out, 1)
+    (path,) = shards(out)
+    part = netcdf.load(path.read_bytes())
+    path.unlink()
+    half = part.isel(scenario=slice(part.sizes["scenario"] // N_DAYS * 2))  # the first two days
+    store = StudyFolder(out)
+    store.shards(store.require_manifest()).commit(half.assign(end_state=(("lane", "number"), np.ones((64, 7)))))
+    assert resumed(GROUPS, out) == []
 
 
 @pytest.mark.parametrize("n_jobs", [2, pytest.param(3, marks=pytest.mark.full)])
 def test_nothing_depends_on_the_number_of_workers(tmp_path, n_jobs):
     assert run(GROUPS, tmp_path / "out", n_jobs=n_jobs) == golden(GROUPS)
-
-
-def test_a_run_may_be_resumed_with_another_number_of_workers_and_other_stretches(tmp_path, monkeypatch):
-    run_until_interrupted(GROUPS, tmp_path / "out", 2)
-    monkeypatch.setattr(plan, "_STRETCHES", 2)
-    assert resumed(GROUPS, tmp_path / "out", n_jobs=3) == []
 
 
 @pytest.mark.full
@@ -130,19 +128,15 @@ def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_pa
     np.testing.assert_array_equal(crashed["rmse"].values[ran], sound["rmse"].values[ran])
 
 
-@pytest.mark.parametrize("n_shards", [pytest.param(None, marks=pytest.mark.full), 2])
 @pytest.mark.parametrize(
     ("old", "new"),
     [("[0.0, 0.02, 0.04, 0.06]", "[0.0, 0.02, 0.04, 0.06, 0.1]"), ("5, 6]", "5, 6, 7]")],
     ids=["lanes", "days"],
 )
-def test_lanes_and_later_days_can_be_added(tmp_path, n_shards, old, new):
+def test_lanes_and_later_days_can_be_added(tmp_path, old, new):
     larger = CARRIED.replace(old, new)
     assert larger != CARRIED
-    if n_shards:
-        run_until_interrupted(CARRIED, tmp_path / "out", n_shards)
-    else:
-        run(CARRIED, tmp_path / "out")
+    run(CARRIED, tmp_path / "out")
     assert run(larger, tmp_path / "out", extend=True) == golden(larger)
 
 
@@ -177,7 +171,6 @@ def test_a_reduction_gets_the_traces_of_each_day(tmp_path):
     )
     text = TRACED + 'reduce = "own:highest"\n'
     run(TRACED, tmp_path / "traced")
-    run_until_interrupted(text, tmp_path / "out", 2)
     run(text, tmp_path / "out")
     whole, reduced = fc.open_study(tmp_path / "traced"), fc.open_study(tmp_path / "out")
     np.testing.assert_array_equal(reduced["T_highest"], whole["T_sup"].max("elapsed_time"))

@@ -42,6 +42,26 @@ def test_exactly_the_scenarios_that_kill_are_crashed(job, n_workers, falls_toget
 @given(
     n_workers=st.integers(1, 4),
     falls_together=st.booleans(),
+    culprits=st.sets(st.integers(0, N - 1), max_size=3),
+    n_groups=st.integers(1, N // 8),
+    seed=st.integers(0, 99),
+)
+def test_a_lane_that_kills_on_some_of_its_days_is_crashed_on_all_and_no_other(
+    job, n_workers, falls_together, culprits, n_groups, seed
+):
+    of = N // 8
+    pool = Pool(n_workers, falls_together=falls_together, culprits=culprits, seed=seed)
+    status = found(pool, job, [Shard(lanes, of, 0, 8) for lanes in np.array_split(np.arange(of), n_groups)])
+    assert sorted(status) == list(range(N))
+    assert {k for k, flag in status.items() if flag != STATUS_OK} == {
+        k for bad in culprits for k in range(bad % of, N, of)
+    }
+
+
+@settings(max_examples=300 if FULL else 40)
+@given(
+    n_workers=st.integers(1, 4),
+    falls_together=st.booleans(),
     size=st.integers(2, N),
     seed=st.integers(0, 999),
 )
