@@ -37,6 +37,8 @@ LEAST_GAIN = 0.2
 """Smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1."""
 DEAD_BAND_WIDTHS = (0.1, 0.5)
 """Least and most, K; as wide as the swing is high in between."""
+TOO_LARGE = 1.02
+"""Estimate relative to the gap from which the motor may chatter; an estimator finds it to a few thousandths."""
 _QUIET_DEAD_BAND = 0.25  # K, where nothing hunts
 _FACTORS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)
 """Of the kp that is tried where no gains of theory stop the hunting."""
@@ -63,6 +65,7 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
     the same.
     """
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
+    turned = prediction.loop["action"] != loop["action"]
     found = [Cure(AS_IS, "as it is", {})]
     if prediction.margin > SAFE:
         found.append(_gains(LOWER_KP, _rounded(kp * SAFE / prediction.margin, down=True), ti))
@@ -71,14 +74,17 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
             found.append(_gains(LONGER_TI, kp, _rounded(longer, down=False)))
     simc = simc_gains(prediction)
     if simc is not None:
-        found.append(_gains(SIMC, _rounded(simc[0]), _rounded(simc[1]), "SIMC: "))
+        tuned = {"kp": _rounded(simc[0]), "ti": _rounded(simc[1])}
+        margin = float(cycles_at(prediction.loop.assign(**tuned), prediction.plants, prediction.reached).margin.max())
+        if SAFE < margin <= HUNTS_ABOVE:  # the lower kp would be advised next
+            tuned["kp"] = _rounded(tuned["kp"] * SAFE / margin, down=True)
+        found.append(_gains(SIMC, **tuned, words="SIMC: "))
     gains = found[-1].changes if simc is not None else {}
-    if gains and loop["law"] != "pi":
-        words = found[-1].words.replace("SIMC: ", "the PI in place of this law, ")
-        found.append(Cure(PI, words, {"law": "pi", **gains}))
-    if prediction.loop["action"] != loop["action"]:
-        action = str(prediction.loop["action"])
-        found = [*found[:1], Cure(ACTION, f"action = {action}", {"action": action})]
+    estimate, other_law = float(loop["backlash_estimate"]), loop["law"] != "pi"  # type: ignore[arg-type]
+    if gains and (other_law or estimate > TOO_LARGE * backlash):
+        words = "the PI in place of this law" if other_law else "no inverse"
+        plain: dict[str, Scalar] = {"law": "pi"} if other_law else {"backlash_estimate": 0.0}
+        found.append(Cure(PI, found[-1].words.replace("SIMC:", f"{words},"), {**plain, **gains}))
     band = _QUIET_DEAD_BAND
     if has_theory and prediction.hunting.size:  # as wide as the swing is high, to 0.05 K
         height = float(np.nanmax(prediction.cycles.amplitude[prediction.reached]))
@@ -86,7 +92,7 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
     if float(loop["error_dead_band"]) < band:  # type: ignore[arg-type]
         found.append(Cure(DEAD_BAND, f"error dead band of {band:g} K", {"error_dead_band": band}))
     if backlash > 0.0:
-        if has_theory:
+        if has_theory or other_law or turned:
             gain = max(abs(float(prediction.plants.gain[prediction.worst])), LEAST_GAIN)
             inverse: dict[str, Scalar] = {
                 "backlash_estimate": INVERSE_SHARE * backlash,
@@ -97,12 +103,19 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
                 "plant_gain": gain,
             }
             sizes = f"{per_cent(INVERSE_SHARE * backlash)}, buffer by noise up to {per_cent(BUFFER_SWING / gain)}"
-            found.append(Cure(INVERSE, f"inverse of {sizes}", inverse))
+            if not other_law:
+                found.append(Cure(INVERSE, f"inverse of {sizes}", inverse))
             if gains:
-                found.append(Cure(BOTH, f"SIMC and inverse of {sizes}", {**gains, **inverse}))
+                changes = {**({"law": "pi"} if other_law else {}), **gains, **inverse}
+                found.append(Cure(BOTH, f"{'the PI' if other_law else 'SIMC'} and inverse of {sizes}", changes))
         # no gap, and whatever assumed one is off; a stem cannot stick without a gap in this model
         without = {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
         found.append(Cure(REPAIRED, "valve repaired: no backlash", without))
+    if turned:  # nothing works the wrong way round
+        action = str(prediction.loop["action"])
+        words, right = f"action = {action}", {"action": action}
+        rest = [Cure(one.name, f"{words}, {one.words}", {**one.changes, **right}) for one in found[1:]]
+        found = [found[0], Cure(ACTION, words, right), *rest]
     return found
 
 
@@ -136,6 +149,8 @@ class Trial(NamedTuple):
 
 
 _POINTS = 43200  # most samples of a trace: one every 2 s of a day
+SEEN = 0.01
+"""Temperature difference that counts, K."""
 PLAIN = 1.5
 """So many times as large a swing shows that a loop hunts here and not there."""
 AS_PREDICTED = 0.7
@@ -250,13 +265,14 @@ _RANKS = {INVERSE: 1, BOTH: 1, DEAD_BAND: 3, REPAIRED: 4}
 too large; a dead band hides the swing, a repair is no setting."""
 
 
-def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE") -> Advice:
+def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE", least: float = 0.0) -> Advice:
     """Choose an option and say so.
 
     Where the loop hunts, the first rank with an option that does not, and its least error; where it does not, only what
     takes 5 % off the error.
 
-    options: the loop as it is first.  holds: whether the loop holds its set-point as it is.  error: its name.
+    options: the loop as it is first.  holds: whether the loop holds its set-point as it is.  error: its name.  least:
+    error that counts, K.
     """
     now = options[0]
 
@@ -272,24 +288,34 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
 
     able = [k for k, one in enumerate(options) if k and math.isfinite(one.error) and not one.hunts]
     better = [k for k in able if options[k].error < BETTER * now.error]
+    with_gap = [k for k in able if options[k].name in (INVERSE, BOTH)]
+    known = "If the backlash is known to 5 %: "
+
+    def then(best: int) -> str:
+        k = min((k for k in with_gap if options[k].error < BETTER * options[best].error), key=rank, default=0)
+        return f"  {known}{effect(k)}" if k and rank(best)[0] == 0 else ""
+
     if not now.hunts:
-        settings = [k for k in better if options[k].name != REPAIRED]
+        if holds and now.error < least:
+            return Advice(0, f"Leave it: its error is below {kelvin(least)}.")
+        settings = [k for k in better if options[k].name not in (DEAD_BAND, REPAIRED)]
         best = min(settings, key=rank, default=0)
         if best:
-            return Advice(best, f"{'If the error matters' if holds else 'Do this'}: {effect(best)}")
+            start = "Do this: " if not holds else known if best in with_gap else "If the error matters: "
+            return Advice(best, f"{start}{effect(best)}{then(best)}")
         if not holds:
             return Advice(0, "None of these makes it hold its set-point.")
-        repaired = f"; {effect(better[0], 'a repaired valve would')}" if better else "."
+        words = {DEAD_BAND: "an error dead band would", REPAIRED: "a repaired valve would"}
+        other = min(better, key=rank, default=0)
+        ends = f"; {effect(other, words[options[other].name])}" if other else "."
         calm = " and stays calm" * any(one.hunts and one.error < BETTER * now.error for one in options)
-        return Advice(0, f"Leave it: none of these settings takes 5 % off the error{calm}{repaired}")
+        what = "gains" if options[other].name == DEAD_BAND else "settings"
+        return Advice(0, f"Leave it: none of these {what} takes 5 % off the error{calm}{ends}")
     best = min(able, key=rank, default=0)
     if not best:
         nearest = min(range(len(options)), key=lambda k: np.nan_to_num(options[k].error, nan=np.inf))
         return Advice(0, "None of these stops the hunting" + (f"; least error: {effect(nearest)}" if nearest else "."))
-    text, with_gap = f"Do this: {effect(best)}", [k for k in able if options[k].name in (INVERSE, BOTH)]
-    least = min(with_gap, key=rank, default=0)
-    if rank(best)[0] == 0 and least and options[least].error < BETTER * options[best].error:
-        text += f"  If the backlash is known to 5 %: {effect(least)}"
+    text = f"Do this: {effect(best)}{then(best)}"
     if options[best].name == DEAD_BAND:
         text += "  It only hides the swing: the margin and every error within the band stay."
     if options[best].name == REPAIRED:

@@ -16,6 +16,7 @@ from fastcoil.design.advice import (
     GAINS,
     LONGER_TI,
     REPAIRED,
+    SEEN,
     UNSURE,
     Advice,
     Trial,
@@ -126,7 +127,7 @@ def explain(
         cures = try_cures(trial, with_simulated_gains(trial, tried))
     options = options_of(cures)
     cures = cures.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
-    advice = advise(options, holds=not cures["share_off"][0] > _LOST)
+    advice = advise(options, holds=not cures["share_off"][0] > _LOST, least=SEEN)
     if not has_theory:
         return Explanation(doubts, None, None, cures, advice, loop, boundary, None)
     found = _points_of(prediction, cures["swings"].values[0])

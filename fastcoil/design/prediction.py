@@ -77,12 +77,15 @@ def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
 
 
 def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
-    """kp and ti after SIMC where the loop is worst; None where the valve changes nothing."""
+    """kp and ti after SIMC where its kp is least, whatever the gains are now; None where the valve changes nothing."""
     if prediction.worst < 0:
         return None
-    columns = prediction.columns
-    kp, ti = (float(values[0]) for values in simc(columns, prediction.plant, first_order(columns, prediction.plant)))
-    return (kp, ti) if math.isfinite(kp) and math.isfinite(ti) else None
+    plants = prediction.plants.some(prediction.reached)
+    columns = columns_of(prediction.loop.assign(error_dead_band=0.0), {}, np.zeros(prediction.reached.size, np.int64))
+    found = simc(columns, plants, first_order(columns, plants))
+    known = np.flatnonzero(np.isfinite(found.kp) & np.isfinite(found.ti))
+    k = known[np.argmin(found.kp[known])] if known.size else 0
+    return (float(found.kp[k]), float(found.ti[k])) if known.size else None
 
 
 _LONGEST_TI = 3600.0

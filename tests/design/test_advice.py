@@ -1,11 +1,19 @@
 """Which cures are tried, what is said of them, and which is recommended: one source, the same numbers everywhere."""
 
-from typing import NamedTuple
+import itertools
 
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.advice_checks import DAY, contradictions, contradictions_of_log, random_loop
+from helpers.advice_checks import (
+    DAY,
+    any_loop,
+    contradictions,
+    contradictions_of_log,
+    integrate,
+    random_loop,
+    unsettled,
+)
 
 import fastcoil as fc
 from fastcoil.design.advice import (
@@ -115,21 +123,6 @@ def test_gains_that_only_the_simulation_finds_are_proposed():
     assert not fc.simulate(loop.assign(kp=[kp, 1.35 * kp], ti=ti), DAY, n_jobs=1).hunts.any(), "nor with a larger kp"
 
 
-class Gain(NamedTuple):
-    sample_time: float
-    ki: float = fc.parameter(0.003, unit="K-1 s-1", lower=0.0, text="integral gain")
-
-
-class Integral(NamedTuple):
-    u: float = 0.0
-
-
-@fc.law(Gain, Integral)
-def integrate(now, p, memory):
-    u = min(max(memory.u + p.ki * p.sample_time * now.e, 0.0), 1.0)
-    return u, Integral(u)
-
-
 def test_a_law_that_hunts_whatever_kp_and_ti_say_is_compared_with_the_pi():
     found = fc.explain(fc.Loop.preset("lbnl").assign(law=integrate, ki=0.01), DAY)
     assert found.hunts
@@ -143,7 +136,7 @@ def test_a_valve_that_acts_the_wrong_way_round_is_turned():
     found = fc.explain(fc.Loop.preset("lbnl").assign(action="heating"), DAY)
     assert "opening it cools the air, so give action = cooling." in found.why
     assert found.predicted is None
-    assert "Do this: action = cooling: RMSE -" in found.advice
+    assert "Do this: action = cooling, SIMC: kp 0.029 1/K, ti 46 s: RMSE -" in found.advice
 
 
 def test_each_cure_changes_its_own_parameters_only():
@@ -191,10 +184,21 @@ def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted(swing
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("seed", [*range(40), *(pytest.param(k, marks=pytest.mark.full) for k in range(40, 500))])
-def test_nothing_that_is_said_of_a_loop_contradicts_the_simulation_or_itself(seed):
-    loop = random_loop(seed)
-    assert contradictions(loop, fc.explain(loop, DAY)) == []
+@pytest.mark.filterwarnings("ignore:action = ")
+@pytest.mark.parametrize(
+    "seeds", [*(range(k, k + 4) for k in range(0, 20, 4)), pytest.param(range(20, 500), marks=pytest.mark.full)]
+)
+def test_nothing_that_is_said_of_a_loop_contradicts_the_simulation_or_itself_nor_what_is_said_once_it_is_followed(
+    seeds,
+):
+    wrong, more = {}, {}
+    for seed, draw in itertools.product(seeds, (random_loop, any_loop)):
+        loop, day = draw(seed) if draw is any_loop else (draw(seed), DAY)
+        found = fc.explain(loop, day)
+        wrong[draw.__name__, seed], more[draw.__name__, seed] = contradictions(found), unsettled(found)
+    assert {which: found for which, found in wrong.items() if found} == {}
+    more = {which: found for which, found in more.items() if found}
+    assert len(more) <= len(seeds) // 50, more
 
 
 @pytest.mark.kernel
