@@ -30,9 +30,7 @@ from fastcoil.study.folder.results import (
     Computed,
     is_current,
     is_of,
-    match_scenarios,
     merge,
-    open_study,
     study_attributes,
 )
 from fastcoil.study.folder.stored import WORDS, Environment, Manifest, finished_manifest, reworded
@@ -197,12 +195,16 @@ def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Datase
     """What is left to do of a study in its folder, which is held; its results, if nothing is."""
     asked, stored = Manifest.of(study), store.read_manifest()
     if stored is not None and stored.study_sha256 != asked.study_sha256:
-        if not store.has_results and not store.shards(stored).any():
+        has_shards = store.shards(stored).any()
+        if not store.has_results and not has_shards:
             stored = None  # it was killed before its first scenario
         elif not extend:
             _refuse_other_study(store, study)
-        else:
-            stored = _merge_unfinished(store, study, stored, asked)
+        elif has_shards and not (store.has_results and is_current(store.open_results(), stored)):
+            raise InputError(
+                f"--extend: the study in {store.path} is unfinished: finish it with the file that it was started from, "
+                "then extend it"
+            )
     else:
         ds = _finished_results(study, store, asked)
         if ds is not None:
@@ -286,28 +288,6 @@ def _run(
             work.computed.shards.commit(part)
             advance(part.sizes["scenario"])
     return n_jobs, manifest
-
-
-def _merge_unfinished(store: StudyFolder, study: Study, stored: Manifest, asked: Manifest) -> Manifest | None:
-    """Merge what an unfinished run of a smaller version has, so that it can be extended like any other result.
-
-    Scenarios that were not run have the status ``not_run``.  Nothing is changed if ``study`` is no extension of it.
-    Returns what ``run.json`` then says.
-    """
-    if store.has_results:
-        found = store.open_results()
-        if is_current(found, stored) or (is_of(found, stored) and not store.shards(stored).any()):
-            return stored
-    if not same_model(stored.model_sha256, asked.model_sha256):
-        return stored
-    smaller = store.read_study(stored)
-    computed = Computed.find(store, smaller, stored)
-    # this reads all shards, so that damaged ones are set aside before ``open_study`` looks at them
-    missing, environments = computed.survey()
-    if missing.size < smaller.plan.n_scenarios:
-        match_scenarios(study.plan, study_attributes(study, asked), open_study(store.path))
-        merge(store, smaller, replace(stored, computed_on=environments), computed.parts, complete=False)
-    return store.read_manifest()
 
 
 def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from helpers import power_loss
 from helpers.calls import Call, read_records
-from helpers.studies import SITUATIONS, TRACED, golden, larger, run_until_interrupted, unfinished, write_study
+from helpers.studies import SITUATIONS, TRACED, golden, larger, unfinished, write_study
 
 from fastcoil.base.errors import FastcoilError
 from fastcoil.model.metric_table import METRICS, STATUS_OK
@@ -22,9 +22,6 @@ from fastcoil.study import run as runner
 from fastcoil.study.folder.results import open_study
 
 pytestmark = pytest.mark.kernel
-
-RESUMED = {"resumed": (TRACED, lambda folder: run_until_interrupted(TRACED, folder, 1))}
-COMMANDS = SITUATIONS | RESUMED
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +35,7 @@ class Recorded:
     """A command, call by call, on a disk of its own."""
 
     def __init__(self, watched, tmp_path, situation, figures=False):
-        self.text, prepare = COMMANDS[situation]
+        self.text, prepare = SITUATIONS[situation]
         self.place, self.figures = tmp_path / "disk", figures
         self.place.mkdir()
         out, record = self.place / "out", tmp_path / "record"
@@ -161,7 +158,7 @@ def test_after_a_power_loss_nothing_reported_is_lost(watched, tmp_path, expected
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("situation", COMMANDS)
+@pytest.mark.parametrize("situation", SITUATIONS)
 def test_after_a_power_loss_at_any_moment_nothing_reported_is_lost(watched, tmp_path, expected, situation):
     recorded = Recorded(watched, tmp_path, situation)
     moments = power_loss.moments(recorded.records)

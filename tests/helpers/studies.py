@@ -150,6 +150,6 @@ SITUATIONS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "plain": (PLAIN, lambda folder: None),
     "traced": (TRACED, lambda folder: None),
     "extended": (larger(TRACED), lambda folder: copied(TRACED, folder)),
-    "extended, unfinished": (larger(TRACED), lambda folder: copied(TRACED, folder, DAYS - 1)),
+    "resumed": (TRACED, lambda folder: copied(TRACED, folder, 1)),
 }
 """The study to run, and how its folder is prepared."""

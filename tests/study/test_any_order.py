@@ -117,13 +117,13 @@ class AStudyInItsFolder(RuleBasedStateMachine):
             assert maintenance.status(self.folder)
         assert {name: data for name, (data, _) in contents(self.folder).items()} == before
 
-    @precondition(lambda self: self.values < len(BACKLASH) - 1)
+    @precondition(lambda self: self.complete and self.values < len(BACKLASH) - 1)
     @rule()
     def add_a_value(self):
         self.values += 1
         self.complete = False
 
-    @precondition(lambda self: self.replicates < 2)
+    @precondition(lambda self: self.complete and self.replicates < 2)
     @rule()
     def add_a_replicate(self):
         self.replicates += 1

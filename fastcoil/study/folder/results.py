@@ -307,9 +307,7 @@ def merge(
     study: Study,
     manifest: Manifest,
     parts: Parts,
-    attrs: dict[str, Any] | None = None,
-    *,
-    complete: bool = True,
+    attrs: dict[str, Any],
 ) -> xr.Dataset:
     """Write all parts as one labelled result, its traces in a file of their own, and remove the shards.
 
@@ -321,8 +319,6 @@ def merge(
         Reads the parts.
     attrs
         Further attributes of the result.
-    complete
-        Whether all scenarios of the study must be in the parts.
 
     Returns
     -------
@@ -332,40 +328,38 @@ def merge(
     Raises
     ------
     IntegrityError
-        If parts were lost since they were written; unless ``complete``, only if they are lost during the merge.
+        If parts were lost since they were written.
     """
+    plan = study.plan
 
-    def counted(leave_out: Collection[str], n: int) -> Iterator[xr.Dataset]:
+    def counted(leave_out: Collection[str]) -> Iterator[xr.Dataset]:
+        left = plan.n_scenarios
         for part in parts(leave_out):
-            n -= part.sizes["scenario"]
+            left -= part.sizes["scenario"]
             yield part
-        if n > 0:
+        if left > 0:
             raise IntegrityError(
-                f"{folder.path}: {n:,} scenarios were lost after they had been run: run the study again"
+                f"{folder.path}: {left:,} scenarios were lost after they had been run: run the study again"
             )
 
-    plan = study.plan
-    untraced = (p.drop_vars(_trace_coordinates(p)) for p in counted(TRACES, plan.n_scenarios if complete else 0))
+    untraced = (part.drop_vars(_trace_coordinates(part)) for part in counted(TRACES))
     with storage_errors(folder.results, "written"):
         whole = join_flat(plan.n_scenarios, untraced, allocate=_allocator(folder.path))
     ds = unflatten(whole, plan.layout)
-    n_run = int((ds["status"].values != STATUS_NOT_RUN).sum())
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
-    predicted = _predicted(study) if complete else xr.Dataset()
+    predicted = _predicted(study)
     ds = ds.assign(predicted.data_vars)
-    ds.attrs = study_attributes(study, manifest) | predicted.attrs | (attrs or {})
+    ds.attrs = study_attributes(study, manifest) | predicted.attrs | attrs
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
     if study.kept_traces:
-        # a part of the traces is another file than all of them: results and traces are not replaced together
-        file = folder.path / f"traces-{manifest.key[:8]}{'' if complete else f'-{n_run}'}.nc"
-        manifest, traces = _merge_traces(file, study, lambda leave_out: counted(leave_out, n_run), ds.attrs, manifest)
+        file = folder.path / f"traces-{manifest.key[:8]}.nc"
+        manifest, traces = _merge_traces(file, study, counted, ds.attrs, manifest)
         ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
     ds.attrs["content_sha256"] = combined_sha256(ds)
     manifest = publish(folder.results, lambda unfinished: write(ds, unfinished, mode="w"), manifest)
     result = add_traces(ds, folder.path, manifest)
     folder.remove_superseded(result, manifest)
-    if complete:
-        finished_manifest(result, folder.path, manifest).write(folder.path)
+    finished_manifest(result, folder.path, manifest).write(folder.path)
     return result
 
 

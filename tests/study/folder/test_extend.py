@@ -96,20 +96,10 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, ba
     assert execute(study(EXTENSIONS[name]), tmp_path / "out", extend=True).n_run == 0
 
 
-def test_an_unfinished_study_is_extended_too(study, tmp_path, monkeypatch):
-    cut(monkeypatch, 5)
-    done = run_until_stopped(study(BASE), tmp_path / "out", 1)
-    asked = study(EXTENSIONS["a constant that is swept"])
-    finished = execute(asked, tmp_path / "out", extend=True)
-    assert finished.n_run == asked.plan.n_scenarios - done
-    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
-
-
 @pytest.mark.parametrize("again", [True, pytest.param(False, marks=pytest.mark.full)])
-@pytest.mark.parametrize("before", [2, pytest.param(0, marks=pytest.mark.full)])
-def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, before, again):
+def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, again):
     cut(monkeypatch, 5)
-    done = run_shards(study(BASE), tmp_path / "out", before)
+    done = run_shards(study(BASE), tmp_path / "out", 0)
     asked = study(EXTENSIONS["all at once"])
     cut(monkeypatch, 12)
     for _ in range(3):
@@ -118,17 +108,6 @@ def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, 
         assert int((partly["status"] == 0).sum()) == done
         partly.close()
     finished = execute(asked, tmp_path / "out", extend=again)
-    assert finished.n_run == asked.plan.n_scenarios - done
-    assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
-
-
-def test_an_extension_of_an_extension_that_was_interrupted_keeps_all(study, tmp_path, monkeypatch):
-    cut(monkeypatch, 5)
-    done = run_until_stopped(study(BASE), tmp_path / "out", 2)
-    done += run_until_stopped(study(EXTENSIONS["middle"]), tmp_path / "out", 2, extend=True)
-    cut(monkeypatch, 12)
-    asked = study(changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]}, run={"replicates": 2}))
-    finished = execute(asked, tmp_path / "out", extend=True)
     assert finished.n_run == asked.plan.n_scenarios - done
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
@@ -160,17 +139,15 @@ def test_a_run_killed_before_its_first_shard_is_in_nobodys_way(study, tmp_path, 
     assert execute(asked, tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 
-@pytest.mark.parametrize("n_shards", [None, 2], ids=["finished", "unfinished"])
-def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_path, monkeypatch, n_shards):
-    cut(monkeypatch, 5)
-    done = run_shards(study(BASE), tmp_path / "out", n_shards)
+def test_an_extension_killed_before_its_first_shard_loses_nothing(study, tmp_path, monkeypatch):
+    run_shards(study(BASE), tmp_path / "out", None)
     killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
     with fc.open_study(tmp_path / "out") as found:
-        assert int((found["status"] == 0).sum()) == done
+        assert int((found["status"] == 0).sum()) == N
         assert found.sizes["backlash"] == 3
     with pytest.raises(fc.IntegrityError, match="add --extend to go on"):
         execute(study(EXTENSIONS["middle"]), tmp_path / "out")
-    assert execute(study(BASE), tmp_path / "out").n_run == N - done
+    assert execute(study(BASE), tmp_path / "out").n_run == 0
     killed(monkeypatch, study(EXTENSIONS["middle"]), tmp_path / "out", extend=True)
     asked = study(EXTENSIONS["end"])
     finished = execute(asked, tmp_path / "out", extend=True)
@@ -194,12 +171,20 @@ def test_what_is_no_extension_is_refused_and_nothing_touched(study, base, tmp_pa
     check_refused(study, tmp_path, other, sentence)
 
 
-@pytest.mark.parametrize("name", ["a removed day", "another seed"])
-def test_an_unfinished_study_is_not_touched_by_what_is_no_extension(study, tmp_path, monkeypatch, name):
+@pytest.mark.parametrize("before", ["unfinished", "extended"])
+def test_an_unfinished_study_is_finished_before_it_is_extended(study, tmp_path, monkeypatch, before):
     cut(monkeypatch, 6)
-    run_shards(study(BASE), tmp_path / "out", 2)
-    other, sentence = REFUSED[name]
-    check_refused(study, tmp_path, other, "of the 24 scenarios" if "scenarios" in sentence else sentence)
+    smaller = study(BASE)
+    if before == "extended":
+        run_shards(study(BASE), tmp_path / "out", None)
+        smaller = study(EXTENSIONS["middle"])
+    run_until_stopped(smaller, tmp_path / "out", 1, extend=True)
+    larger = changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]})
+    check_refused(study, tmp_path, larger, "is unfinished: finish it with the file that it was started from")
+    execute(smaller, tmp_path / "out")
+    assert execute(study(larger), tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh(
+        study(larger), tmp_path
+    )
 
 
 def check_refused(study, tmp_path, other, sentence):
@@ -287,15 +272,15 @@ def versions(draw):
 @pytest.mark.parametrize("n", [3, pytest.param(200, marks=pytest.mark.full)])
 def test_any_sweep_can_grow(tmp_path_factory, n):
     @settings(max_examples=n)
-    @given(versions=versions(), n_shards=st.integers(0, 3))
-    def grows(versions, n_shards):
+    @given(versions=versions(), seed=st.integers(0, 3))
+    def grows(versions, seed):
         folder = tmp_path_factory.mktemp("grown")
         path = folder / "study.toml"
         with pytest.MonkeyPatch.context() as patch:
-            cut(patch, 7, seed=n_shards)
+            cut(patch, 7, seed=seed)
             path.write_text(toml(versions[0]), encoding="utf-8")
             small = read_study(path)
-            done = run_shards(small, folder / "out", n_shards if n_shards < len(small.plan.shards(1)) else None)
+            done = run_shards(small, folder / "out", None)
             path.write_text(toml(versions[1]), encoding="utf-8")
             large = read_study(path)
             finished = execute(large, folder / "out", extend=True)
