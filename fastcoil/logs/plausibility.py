@@ -27,6 +27,15 @@ _UNIT_JUMP, _UNIT_MATCH, _UNIT_ROWS = 25.0, 3.0, 10  # K, K, rows on either side
 _SLACK_DEW_POINT, _SLACK_W, _LOWEST_PRESSURE = 1.0, 1.05, 75e3
 """A reading so far above saturation, K and a share, at a pressure up in the mountains, Pa, is none of air."""
 _AT_LIMIT = 0.01  # of the travel
+_SIGNALS = {"V": (0.0, 10.0), "V 2-10": (2.0, 10.0), "mA 4-20": (4.0, 20.0)}
+"""The ends of signals to a valve, in their own units."""
+_NEAR_END, _BEYOND, _AT_END, _BETWEEN = 0.12, 0.05, 3, 20
+"""Shares of a signal's span; readings at each end, and different numbers in all, of what is certainly a signal."""
+_SCALE_ROWS, _LEAST_SPAN, _NO_LEAP, _RARELY = 30, 0.5, 0.2, 0.3
+"""Rows in another unit; shares of its full travel: what they span, the leap into it; share of other rows within it."""
+_LEAP, _CROSSED = 8.0, 0.25  # by which both columns leap; share of it to which they go on with each other's numbers
+_FAULT_LEAP, _FAULT_MATCH = 20.0, 5.0  # K by which readings are off those on both sides; by which these differ at most
+_DRIEST = 0.12  # relative humidity of air at a coil
 _FEWEST_ROWS, _MOVES, _STANDS = 50, 0.5, 0.05
 """A set-point that changes in more than one share of the rows, while the temperature does in less than the other."""
 
@@ -50,6 +59,7 @@ def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted
             continue
         top = float(numbers.max())
         is_fraction = family in (FRACTION, TRAVEL) and 0.0 < top <= 1.0
+        signal, is_certain = signal_of(numbers, units[name]) if family is TRAVEL else ("", False)
         moves = top > _LEAST_TRAVEL and np.unique(numbers).size >= _FEWEST_VALUES
         if family is HUMIDITY_RATIO and 0.0 < top < _LEAST_G:
             found[name] = "kg/kg"
@@ -57,6 +67,13 @@ def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted
             found[name] = "kg/s"
         elif is_fraction and (name == "RH_a_in" or moves):
             found[name] = "1"
+        elif is_certain:
+            found[name] = signal
+    if units.get("T_dp_in") == "degF" and "T_dp_in" not in trusted and "T_a_in" in values:
+        T, T_dp = (float(np.nanmedian(values[name])) for name in ("T_a_in", "T_dp_in"))
+        vapour, of_C = moist_air.saturation_pressure([T_dp, 1.8 * T_dp + 32.0]) / moist_air.saturation_pressure(T)
+        if vapour < _DRIEST < of_C <= 1.0:
+            found["T_dp_in"] = "degC"
     on = _in_control(values)
     medians = {}
     for name in _TEMPERATURES:
@@ -139,6 +156,52 @@ def row_of_new_unit(T: Array) -> int:
         if abs(1.8 * low + 32.0 - high) < _UNIT_MATCH:
             return k
     return 0
+
+
+def signal_of(numbers: Array, unit: str) -> tuple[str, bool]:
+    """The signal that a command seems to be instead of one in ``unit``, since it spans that; blank if none.
+
+    That is certain where many numbers between both ends stop at these.
+    """
+    for name, (closed, full) in _SIGNALS.items() if unit in ("V", "deg", *FRACTION) and numbers.size else ():
+        x = (numbers - closed) / (full - closed)
+        if name != unit and all(-_BEYOND <= end <= _NEAR_END for end in (x.min(), 1.0 - x.max())):
+            stops = min(np.sum(x == 0.0), np.sum(x == 1.0))
+            return name, bool(unit != "V" and stops >= _AT_END and np.unique(x).size >= _BETWEEN)
+    return "", False
+
+
+def row_of_new_scale(percent: Array) -> int:
+    """Index from which a command [%] goes on as a fraction or in V, or the reverse; 0 if nowhere."""
+    for full, step in ((1.0, 1), (10.0, 1), (1.0, -1), (10.0, -1)):
+        one = percent[::step]
+        k = int(np.max(np.flatnonzero(one > full), initial=-1)) + 1
+        small, last = one[k:], one[k - 1]
+        if k and small.size >= _SCALE_ROWS and last >= 2.0 * full and np.mean(one[:k] <= full) <= _RARELY:
+            goes_on = abs(small[0] - last * full / 100.0) < _NO_LEAP * full
+            if goes_on and np.min(small) > 0.0 and np.ptp(small) >= _LEAST_SPAN * full:
+                return k if step > 0 else percent.size - k
+    return 0
+
+
+def row_of_exchange(T: Array, command: Array) -> int:
+    """Index from which a temperature goes on with the numbers of the command, and the reverse; 0 if nowhere."""
+    (old, new), (old_command, new_command) = ((one[:-1], one[1:]) for one in (T, command))
+    leap = np.minimum(np.abs(new - old), np.abs(new_command - old_command))
+    off = np.maximum(np.abs(new - old_command), np.abs(new_command - old))
+    return int(np.argmax(np.append(False, (leap > _LEAP) & (off < _CROSSED * leap))))
+
+
+def sensor_faults(T: Array) -> Mask:
+    """Where a temperature [degC] leaps away and back, in one reading or in several of one number."""
+    known = np.isfinite(T)
+    run = np.cumsum(np.diff(T[known], prepend=np.inf) != 0.0) - 1
+    level = T[known][np.unique(run, return_index=True)[1]]
+    leaps = np.abs(np.diff(level)) > _FAULT_LEAP
+    is_back = leaps[1:] & leaps[:-1] & (np.abs(level[2:] - level[:-2]) < _FAULT_MATCH)
+    faulty = np.zeros(T.size, dtype=bool)
+    faulty[known] = np.isin(run, np.flatnonzero(is_back) + 1)
+    return faulty
 
 
 def looks_like(unit: str) -> str:

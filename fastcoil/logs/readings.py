@@ -19,8 +19,6 @@ from fastcoil.logs.table import Table
 
 _SCATTER = 0.02  # readings up to this share of the column's span outside a bound are taken as the bound
 _WARM = 5.0  # A temperature of exactly 0 among others above this, °C, is a sensor that is off
-_LIVE_ZERO, _FULL_SIGNAL = (0.18, 0.26), 0.9
-"""A command in V whose lowest value is here and whose highest is above that, of 10 V, may be a signal of 2–10 V."""
 
 
 @dataclass
@@ -68,12 +66,13 @@ def read_columns(
         off = _sensor_off(series, cells.values, values)
         wrong = bad & ~missing if sparse else bad
         if off.any():
-            first = first_row(table.row_numbers, off)
+            k, first = int(np.argmax(off)), first_row(table.row_numbers, off)
+            said = f"{name} is {cells.values[k]:g}{f' {unit}' if cells.values[k] else ''}, "
             if name in wanted.measured:
-                readings.notes.append(f"{counted(off, 'value')} left out: {name} is 0, sensor off ({first})")
+                readings.notes.append(f"{counted(off, 'value')} left out: {said}sensor off ({first})")
                 values[off] = np.nan
             else:
-                readings.complaints.append(f"{name} is 0, {first}, where others are far above: sensor off")
+                readings.complaints.append(f"{said}{first}, where others are far away: sensor off")
             bad = bad & ~off if name in wanted.measured else bad | off
         elif wrong.any():
             complaint = _complaint(table, series, column, unit, wrong, by_status, cells.values)
@@ -83,8 +82,8 @@ def read_columns(
                 del readings.units[name]
             else:
                 readings.complaints.append(complaint)
-        if unit == "V" and series.units is TRAVEL:
-            _suspect_live_zero(series, values[~bad], how, table.notes)
+        if series.units is TRAVEL and name not in how.units:
+            _suspect_signal(series, cells.values[~bad], unit, how, table.notes)
         readings.known[name], readings.bad[name], readings.missing[name] = values, bad, missing
     return readings
 
@@ -105,6 +104,15 @@ def question_units(table: Table, readings: Readings, found: Mapping[str, int], h
         if k := plausibility.row_of_new_unit(values[name]):
             row = table.row_numbers[k]
             table.problems.append(f"{name} jumps in row {row} as if °C and °F were in one column: write one unit")
+    if "command" in values.keys() - trusted:
+        scale, offset = TRAVEL[readings.units["command"]]
+        command = (values["command"] - offset) / scale
+        if k := plausibility.row_of_new_scale(command) if scale == TRAVEL["%"][0] else 0:
+            row = table.row_numbers[k]
+            table.problems.append(f"command goes on in row {row} as if in another unit than before: write one unit")
+        if k := plausibility.row_of_exchange(values["T_sup"], command) if "T_sup" in values else 0:
+            row = table.row_numbers[k]
+            table.problems.append(f"T_sup and command go on exchanged in row {row}: write one order of columns")
     other = plausibility.exchanged_with_supply(values) if not table.problems else ""
     if other and not {"T_sup", other} <= trusted:
         table.problems.append(
@@ -210,13 +218,14 @@ def _unit_of(
     return None
 
 
-def _suspect_live_zero(series: Series, values: Array, how: Reading, notes: list[str]) -> None:
-    """Say so where a command in V looks like a signal whose lowest value, 2 V, is the closed valve."""
-    if values.size and _LIVE_ZERO[0] <= values.min() <= _LIVE_ZERO[1] and values.max() >= _FULL_SIGNAL:
-        cure = how.cure(f"units={{{series.name!r}: 'V 2-10'}}", f"--unit {series.name}='V 2-10'")
+def _suspect_signal(series: Series, numbers: Array, unit: str, how: Reading, notes: list[str]) -> None:
+    """Say so where a command looks like a signal in V or mA, or one whose lowest value is the closed valve."""
+    meant, _ = plausibility.signal_of(numbers, unit)
+    if meant:
+        cure = how.cure(f"units={{{series.name!r}: {meant!r}}}", f"--unit {series.name}={meant!r}")
         notes.append(
-            f"{series.name} is from {10 * values.min():.3g} to {10 * values.max():.3g} V, read as a signal of 0–10 V: "
-            f"if it is one of 2–10 V, write '[V 2-10]' in the header, or {cure}"
+            f"{series.name} is from {numbers.min():.3g} to {numbers.max():.3g}, read in {unit}: if it is a signal in "
+            f"{meant}, write '[{meant}]' in the header, or {cure}"
         )
 
 
@@ -246,10 +255,13 @@ def _at_bounds(table: Table, series: Series, values: Array, notes: list[str]) ->
 
 
 def _sensor_off(series: Series, numbers: Array, values: Array) -> Mask:
-    """Where a temperature reads exactly 0 in its own unit, and nearly all others are far above freezing."""
-    zero = (numbers == 0.0) & (series.units is TEMPERATURE)
+    """Where a temperature reads exactly 0 in its own unit, and nearly all others are far above freezing; or leaps."""
+    zero: Mask = (numbers == 0.0) & (series.units is TEMPERATURE)
     others = values[~zero & ~series.is_bad(values)]
-    return np.asarray(zero & bool(others.size and np.quantile(others, 0.01) >= _WARM))
+    zero &= not others.size or float(np.quantile(others, 0.01)) >= _WARM
+    if series.units is TEMPERATURE and not series.hold:
+        zero |= plausibility.sensor_faults(np.where(series.is_bad(values), np.nan, values))
+    return zero
 
 
 def fill_or_cut(

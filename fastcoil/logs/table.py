@@ -86,7 +86,8 @@ def _header_index(rows: Sequence[list[str]]) -> int:
     if not named or any(_is_data(row) for row in rows[: named[0]]):
         return 0  # rows of data in another order are no remarks
     ends = [*named[1:], len(rows)]
-    return max(zip(named, ends, strict=True), key=lambda run: run[1] - run[0])[0]
+    best = max(zip(named, ends, strict=True), key=lambda run: run[1] - run[0])[0]
+    return next(k for k in named if {*filter(None, rows[k])} & {*rows[best]})  # the same header may come again
 
 
 def _may_be_header(row: Sequence[str]) -> bool:
@@ -134,6 +135,19 @@ def _is_unit_row(row: Sequence[str]) -> bool:
 
 def _bare_unit(cell: str) -> str:
     return cell.strip().strip("[]()").strip()
+
+
+def _without_headers(path: Path, header: list[str], data: Numbered, notes: list[str]) -> Numbered:
+    """The rows without those that repeat the header; another one, with some of its names, is refused."""
+    names, kept = {*header} - {""}, []
+    for number, row in data:
+        if names.isdisjoint(row) or any(map(_has_data, row)):
+            kept.append((number, row))
+        elif [cell.strip() for cell in _trimmed(row)] != header:
+            raise InputError(f"{path}: row {number} is another header, {shown(','.join(row))}: cut the file there")
+    if len(kept) < len(data):
+        notes.append(f"{counted(len(data) - len(kept), 'row')} left out: the header again")
+    return kept
 
 
 def _footer_length(data: Numbered, width: int) -> int:
@@ -244,6 +258,7 @@ class Table:
             notes.append(f"row {number} has the units: {', '.join(filter(None, units))[:80]}")
         header = [cell.strip() for cell in _trimmed(header)]
         width = len(header)
+        data = _without_headers(path, header, data, notes)
         for _, row in data:
             if not any(map(str.strip, row[width:])):  # a separator at the end of the line
                 del row[width:]

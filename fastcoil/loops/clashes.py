@@ -206,6 +206,9 @@ def _is_changed(loop: Loop, name: str) -> bool:
 FAR = 35.0
 """Water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does."""
 
+IDLE = 10.0
+"""Air that is always so much beyond its set-point, K, leaves a loop nothing to do."""
+
 
 def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
     """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
@@ -228,7 +231,7 @@ def _doubts(loop: Loop, boundary: Boundary) -> Iterator[str]:
             continue
         # the least and the most, in the direction of the action
         ends = (sorted(sign * end for end in boundary.extremes[name]) for name in ("T_w_in", "T_a_in", "T_set"))
-        (_, water), (least_air, air), (T_set, _) = ends
+        (_, water), (least_air, air), (T_set, most) = ends
         if water < least_air:
             yield (
                 f"action = {action!r}, but the water, {sign * water:.3g} degC at best, cannot {verb} air of "
@@ -238,6 +241,11 @@ def _doubts(loop: Loop, boundary: Boundary) -> Iterator[str]:
             yield (
                 f"T_set is {sign * T_set:.3g} degC at best: water and air of {sign * max(water, air):.3g} degC cannot "
                 f"{verb} the air that far, change T_set or the water"
+            )
+        elif least_air - most > IDLE:
+            yield (
+                f"nothing to {verb}: T_set is {sign * most:.3g} degC where the air is {sign * least_air:.3g} degC, and "
+                "never closer, give T_set in degC, or exchange T_set and T_a_in"
             )
         elif action == "heating" and water - least_air > FAR:
             kp, ti = (loop.constants.get(name) for name in ("kp", "ti"))

@@ -1,5 +1,6 @@
 """Whether the columns of a log agree: temperatures of one air stream in one unit, a command that answers them."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,15 @@ from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.measured.fitted_plant import EDGE, LEAST_PI_ROWS
 from fastcoil.measured.grid import all_good
+from fastcoil.model.moist_air import saturation_humidity_ratio
 
 _FROM_SET_POINT, _OUTSIDE = 15.0, 10.0
 """K by which T_sup may typically lie off T_set with the valve in control, and outside of entering air and water."""
 _TOGETHER = 10.0  # °F within which temperatures come that only a wrong unit held apart
+_LEAST_CHANGE, _LEAST_ROWS, _OTHER_FLOW, _FAR_TOO_MUCH = 1.0, 10, 3.0, 60.0
+"""K by which air and water change where their heat is compared; rows; factors between both, of a wrong unit: the last
+without the water's outlet, where it would change by a sixtieth of what it could."""
+_CP_AIR, _CP_WATER, _CONDENSATION, _PRESSURE = 1.02, 4.186, 2501.0, 101325.0  # kJ/(kg K), kJ/kg, Pa
 _OVER, _AFTER_SET_POINT = 120.0, 300.0  # s
 FARTHEST = 180.0  # s by which the clocks of two columns may differ
 _USUAL, _USUAL_TWICE, _CLEARER = 0.9, 0.8, 2.0
@@ -36,7 +42,7 @@ def require_agreement(log: Log) -> list[str]:
         of_air, of_water = values["T_a_in"], values["T_w_in"]
         outside = np.maximum(T - np.maximum(of_air, of_water), np.minimum(of_air, of_water) - T)
         checks.append((("T_sup", "T_a_in", "T_w_in"), known, outside, _OUTSIDE))
-    problems, warnings = [], []
+    problems, warnings = list(_heat_problems(log)), []
     for names, here, apart, most in checks:
         if here.any() and np.median(apart[here]) > most:
             typical = ", ".join(f"{name} {np.median(values[name][here]):.3g}" for name in names)
@@ -48,6 +54,25 @@ def require_agreement(log: Log) -> list[str]:
     if problems:
         raise InputError(problems)
     return warnings
+
+
+def _heat_problems(log: Log) -> Iterator[str]:
+    """A sentence if the water carries less heat than the air by its temperature alone, or more than it can have."""
+    if not log.values.keys() >= {"m_w", "m_a", "T_a_in", "T_w_in"}:
+        return
+    T, m_w, m_a, T_air, T_water = (log.values[name] for name in ("T_sup", "m_w", "m_a", "T_a_in", "T_w_in"))
+    T_out = log.values.get("T_w_out", T_air)  # closer to the air it cannot come
+    here = (np.abs(T_air - T) > _LEAST_CHANGE) & (np.abs(T_out - T_water) > _LEAST_CHANGE) & (m_w > 0.0)
+    if here.sum() < _LEAST_ROWS:
+        return
+    vapour = np.maximum(log.humidity_ratio(_PRESSURE) - saturation_humidity_ratio(T_water), 0.0)
+    of_air, condensed = _CP_AIR * m_a * (T_air - T), _CONDENSATION * m_a * vapour * (T < T_air)
+    of_water = _CP_WATER * m_w * (T_out - T_water)
+    low, high = (float(np.median((of_water / most)[here])) for most in (of_air, of_air + condensed))
+    if low < 1.0 / _OTHER_FLOW or high > (_OTHER_FLOW if "T_w_out" in log.values else _FAR_TOO_MUCH):
+        ratio = f"{'' if 'T_w_out' in log.values else 'at most '}{low if low < 1.0 else high:.3g} times"
+        flows = " and ".join(f"{name} of {np.median(log.values[name][here]):.3g} kg/s" for name in ("m_w", "m_a"))
+        yield f"{log.name}: water takes up {ratio} the heat of the air ({flows}): check the units of both flows"
 
 
 def _is_of_unit(T: Array, T_set: Array) -> bool:

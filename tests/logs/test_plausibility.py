@@ -66,6 +66,16 @@ def mutated(kind, r, heats):
         log["RH_a_in"] = log["RH_a_in"] / 100
     elif kind == "command as a fraction":
         log["command"] = log["command"] / 100
+    elif kind == "command in V as %":
+        log["command"] = np.clip(5 + 6 * np.sin(np.arange(N) / 7), 0, 10)
+    elif kind in ("a fraction from here on", "V from here on"):
+        swing = 50 + 45 * np.sin(np.arange(N) / 7)
+        log["command"] = np.where(np.arange(N) < N // 2, swing, swing / (100 if "fraction" in kind else 10))
+    elif kind == "columns in another order from here on":
+        log["command"], log["T_sup"] = (
+            np.where(np.arange(N) < N // 2, *pair)
+            for pair in ((log["command"], log["T_sup"]), (log["T_sup"], log["command"]))
+        )
     elif kind == "exchanged":
         log["T_sup"], log["T_set"] = log["T_set"], log["T_sup"]
     elif kind == "°F from here on":
@@ -82,6 +92,7 @@ def mutated(kind, r, heats):
         humidity = {
             "W in g as kg": ("W_a_in", 1000 * W, "kg/kg"), "W in kg as g": ("W_a_in", W, "g/kg"),
             "W above saturation": ("W_a_in", 4 * W, "kg/kg"), "dew point": ("T_dp_in", log["T_a_in"] + 3, "degC"),
+            "dew point in °C as °F": ("T_dp_in", log["T_a_in"] - 10, "degF"),
         }[kind]  # fmt: skip
         log[humidity[0]], units[humidity[0]] = humidity[1:]
     return text_of(log, units, **layout), log
@@ -96,6 +107,11 @@ def mutated(kind, r, heats):
         ("unit row", "by its header, in 'degF' by the row of units: drop one"),
         ("RH as a fraction", "declared in %, and its numbers look like a fraction: write 'RH_a_in [1]' in the header"),
         ("command as a fraction", "declared in %, and its numbers look like a fraction: write 'command [1]'"),
+        ("command in V as %", "declared in %, and its numbers look like V: write 'command [V]' in the header"),
+        ("a fraction from here on", "command goes on in row 62 as if in another unit than before"),
+        ("V from here on", "command goes on in row 62 as if in another unit than before"),
+        ("columns in another order from here on", "T_sup and command go on exchanged in row 62"),
+        ("dew point in °C as °F", "declared in degF, and its numbers look like degC: write 'T_dp_in [degC]'"),
         ("exchanged", "while T_sup stands still, as if they were exchanged: exchange the two headers"),
         ("°F from here on", "T_a_in jumps in row 62 as if °C and °F were in one column: write one unit"),
         ("supply and water exchanged", ""),
@@ -171,6 +187,33 @@ def test_a_sound_log_is_read_in_either_unit_without_a_word(tmp_path, heats):
         np.testing.assert_allclose(of_F.values["T_sup"], of_C.values["T_sup"], atol=1e-3)
 
 
+@pytest.mark.parametrize(("low", "high", "meant"), [(1, 9, "V"), (2.5, 9.6, "V 2-10"), (5, 19, "mA 4-20"), (3, 9, "")])
+def test_a_command_in_percent_that_spans_a_signal_is_read_with_a_word(tmp_path, low, high, meant):
+    log = sound_log(np.random.default_rng(0)) | {"command": np.linspace(low, high, N)}
+    found = read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
+    says = [f"if it is a signal in {meant}, write '[{meant}]' in the header" in note for note in found.notes]
+    assert says == [True] * bool(meant)
+    assert not read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log, units={"command": "%"}).notes
+
+
+@pytest.mark.parametrize(("number", "n"), [(55, 1), (55, 9), (-17.5, 4)])
+def test_a_temperature_that_leaps_away_and_back_is_a_sensor_that_is_off(tmp_path, number, n):
+    log = sound_log(np.random.default_rng(0))
+    log["T_sup"][20 : 20 + n] = number
+    found = read(tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
+    assert np.flatnonzero(np.isnan(found.values["T_sup"])).tolist() == [*range(20, 20 + n)]
+    assert f"left out: T_sup is {number:g} degC, sensor off (first in row 22)" in found.notes[0]
+    log["T_a_in"][20 : 20 + n] = number
+    said = only_problem(read, tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log)
+    assert f"T_a_in is {number:g} degC, first in row 22, where others are far away: sensor off" in said
+
+
+def test_a_temperature_of_zero_throughout_is_a_sensor_that_is_off(tmp_path):
+    log = sound_log(np.random.default_rng(0)) | {"T_a_in": np.zeros(N)}
+    said = "".join(problems(read, tmp_path, text_of(log, UNITS | {"RH_a_in": "%"}), log))
+    assert "T_a_in is 0, first in row 2" in said
+
+
 def test_a_unit_that_header_and_caller_declare_is_trusted(tmp_path):
     log = sound_log(np.random.default_rng(0)) | {"RH_a_in": np.full(N, 0.6)}
     text = text_of(log, UNITS | {"RH_a_in": "%"})
@@ -183,10 +226,10 @@ def test_a_unit_that_header_and_caller_declare_is_trusted(tmp_path):
 def test_a_few_readings_above_saturation_are_bad_values(tmp_path):
     log = sound_log(np.random.default_rng(0))
     log["T_dp_in"] = log["T_a_in"] - 5
-    log["T_dp_in"][[7, 30]] = 45
+    log["T_dp_in"][[7, 30]] = 35
     del log["RH_a_in"]
     text = text_of(log, UNITS | {"T_dp_in": "degC"})
-    assert "T_dp_in = 45 degC in row 9 is above saturation" in only_problem(read, tmp_path, text, log)
+    assert "T_dp_in = 35 degC in row 9 is above saturation" in only_problem(read, tmp_path, text, log)
     found = read(tmp_path, text, log, drop=True)
     assert found.time.size == N - 2
     assert "2 rows left out: T_dp_in is no admissible number (first in row 9)" in found.notes

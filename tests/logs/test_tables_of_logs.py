@@ -130,6 +130,17 @@ def test_label_and_unit_of_a_header(header, label, unit):
     assert label_and_unit(header) == (label, unit)
 
 
+def test_a_header_that_comes_again_is_left_out_and_another_one_is_refused(tmp_path):
+    lines = text_of(rows()).splitlines()
+    again = "\n".join([*lines[:9], lines[0], *lines[9:]])
+    found = read(tmp_path, again)
+    assert found.notes == ["1 row left out: the header again"]
+    assert_same_log(found)
+    for other in (lines[0].replace("T_sup [", "T_set ["), ",".join(reversed(lines[0].split(",")))):
+        said = only_problem(read, tmp_path, again.replace(f"\n{lines[0]}", f"\n{other}"), drop=True)
+        assert f"row 10 is another header, '{other}': cut the file there" in said
+
+
 @pytest.mark.parametrize("where", ["everywhere", "below the header"])
 def test_a_separator_at_the_end_of_each_line(tmp_path, where):
     lines = text_of(rows()).splitlines()
@@ -191,7 +202,7 @@ def test_a_command_from_2_to_10_V_is_suspected_aloud(tmp_path):
     stroke = np.linspace(0, 1, ROWS)
     header = ("timestamp", "command [V]", HEADER[2])
     (note,) = read(tmp_path, text_of(rows(ISO, 2 + 8 * stroke), header)).notes
-    assert "command is from 2 to 10 V, read as a signal of 0–10 V: if it is one of 2–10 V" in note
+    assert "command is from 2 to 10, read in V: if it is a signal in V 2-10, write '[V 2-10]'" in note
     assert "--unit command='V 2-10'" in note
     for values in (10 * stroke, 4 + 6 * stroke, 2 + 5 * stroke):
         assert not read(tmp_path, text_of(rows(ISO, values), header)).notes

@@ -139,6 +139,9 @@ MISTAKES = {
         fc.constant_day(HOUR, T_set=5.0),
         "T_set is 5 degC at best: .* cannot cool",
     ),
+    "a set-point in °F": (fc.Loop.preset("lbnl"), fc.constant_day(HOUR, T_set=57.0), "nothing to cool: T_set is 57"),
+    "exchanged": (fc.Loop(), fc.constant_day(HOUR, T_a_in=14.0, T_set=25.0), "the air is 14 degC.* exchange T_set"),
+    "a warm hall": (fc.Loop(action="heating"), fc.constant_day(HOUR, T_a_in=35.0, T_w_in=60.0), "nothing to warm"),
     "one action of a sweep": (fc.Loop(action=["heating", "cooling"]), COOLING_DAY, "cannot warm"),
 }
 

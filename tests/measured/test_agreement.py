@@ -1,5 +1,7 @@
 """Columns that do not belong together, in one unit or in one order, are refused or lead to no claim."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -48,6 +50,20 @@ def test_a_switch_that_is_logged_now_and_then_is_named_where_it_leaves_nothing(l
 def test_a_coil_whose_air_is_colder_than_its_water_is_refused():
     log = coil_log(hours=1.0, every=10)
     assert "outside what air and water enter with" in refusal(fc.fit_coil, log.assign(T_sup=log.T_sup - 20.0))
+
+
+@pytest.mark.parametrize("dry", [False, True], ids=["wet", "dry"])
+def test_flows_whose_heat_differs_are_refused_with_the_ratio(dry):
+    log = coil_log(hours=1.0, every=10, dry=dry)
+    T_w, T_a = (log[name].values for name in ("T_w_in", "T_a_in"))
+    ratio = np.median(4.186 * log.m_w * (log.T_w_out - T_w) / (1.02 * log.m_a * (T_a - log.T_sup)))
+    for factor in (60.0, 15.85, 1 / 15.85):  # L/min and gpm under kg/s, and kg/s under gpm
+        said = refusal(fc.fit_coil, log.assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s")))
+        found = float(re.search(r"takes up ([\d.e-]+) times the heat of the air", said)[1])
+        assert found == pytest.approx(factor * ratio, rel=0.03 if dry else 0.5)
+    for factor in (60.0, 1 / 60):
+        blind = log.drop_vars("T_w_out").assign(m_w=(factor * log.m_w).assign_attrs(units="kg/s"))
+        assert "water takes up at most" in refusal(fc.fit_coil, blind)
 
 
 def test_no_size_is_claimed_of_a_command_that_does_not_answer_this_temperature(log):
