@@ -11,18 +11,32 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
-from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.files import require_usable
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
+MOST_VALUES = 50_000_000
+"""Upper limit of the size of an array argument, such as 1-s samples over all days."""
 _LARGEST = sys.float_info.max
 _OF_NUMPY: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": int, "f": float, "U": str}
 """Conversions by the kind of a numpy dtype."""
+
+
+@contextmanager
+def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
+    """Add the sentences of an ``InputError`` to ``problems`` and continue."""
+    try:
+        yield
+    except InputError as error:
+        problems += [prefix + p for p in error.problems] if prefix else error.problems
 
 
 class Checks:
@@ -144,6 +158,35 @@ def instance_of(name: str, value: object, kind: type[T], cure: str) -> T:
     if not isinstance(value, kind):
         raise InputError(WrongType(f"{name} is a {type(value).__name__}: {cure}"))
     return value
+
+
+def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[Any]":
+    """Convert an array-like to a numpy array whose dtype is one of ``kinds``; masked values become NaN.
+
+    Raises
+    ------
+    InputError
+        If it cannot be converted, or is a range of more than ``MOST_VALUES`` values.
+    """
+    import numpy as np
+
+    if isinstance(value, range) and len(value) > MOST_VALUES:
+        raise InputError(f"{name} = {shown(value)}: more than {MOST_VALUES:,} values, give fewer")
+    try:
+        if isinstance(value, np.ma.MaskedArray):
+            value = np.ma.filled(value.astype(np.float64), np.nan)
+        array = np.asarray(value)
+    except Exception as error:  # a user's class may raise anything
+        if isinstance(error, ValueError) and isinstance(value, (list, tuple)):
+            raise InputError(f"{name} has rows of different length: give one length") from None
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}")) from None
+    if array.dtype.kind not in kinds:
+        raise InputError(
+            WrongType(
+                f"{name} = {shown(value)} is of type {'text' if array.dtype.kind in 'US' else array.dtype.name}: {cure}"
+            )
+        )
+    return array
 
 
 def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) -> Mapping[str, Any]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
-from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable
 
 from fastcoil.base.text import printable
 
@@ -120,15 +119,6 @@ def nearest(name: str, known: Iterable[str]) -> str:
     by_folded = {k.casefold(): k for k in known}
     match = difflib.get_close_matches(name.casefold(), list(by_folded), n=1, cutoff=0.6)
     return f", did you mean {by_folded[match[0]]!r}?" if match else ""
-
-
-@contextmanager
-def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
-    """Add the sentences of an ``InputError`` to ``problems`` and continue."""
-    try:
-        yield
-    except InputError as error:
-        problems += [prefix + p for p in error.problems] if prefix else error.problems
 
 
 def shown(value: object) -> str:

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of
-from fastcoil.base.arrays import Array, array_of
+from fastcoil.base.arguments import array_of, checking, flag_of
+from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.operating_points import OperatingPoints, require_pi
 from fastcoil.design.plants import (

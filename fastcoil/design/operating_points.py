@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, is_number, plain
-from fastcoil.base.arrays import Array, Index, array_of
+from fastcoil.base.arguments import array_of, checking, instance_of, is_number, plain
+from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.plants import Columns, Plants, plants_of
 from fastcoil.logs.series import TIME

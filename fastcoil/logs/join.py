@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fastcoil.base.arguments import collecting
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.logs.cells import is_datum
 from fastcoil.logs.columns import Reading, Wanted, status_columns
 from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times

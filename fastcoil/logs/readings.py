@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from fastcoil.base.arguments import collecting
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import Cells, Writing, cells_of, writing_of
 from fastcoil.logs.columns import Reading, Wanted, marked_by_status

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import flag_of, is_text, plain
-from fastcoil.base.arrays import MOST_VALUES, array_of
-from fastcoil.base.errors import InputError, WrongType, collecting, shown
+from fastcoil.base.arguments import MOST_VALUES, array_of, collecting, flag_of, is_text, plain
+from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.loops.labelled import as_labelled, in_our_unit, units_of
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import (

@@ -13,7 +13,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arrays import Array, array_of
+from fastcoil.base.arguments import array_of
+from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs.series import COLUMNS, DIFFERENCE, FRACTION, PRESSURE, TEMPERATURE, TIME, WATER_FLOW, Units, spelled
 from fastcoil.logs.timestamps import offset_text

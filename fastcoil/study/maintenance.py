@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.errors import InputError, IntegrityError, collecting, nearest
+from fastcoil.base.arguments import collecting
+from fastcoil.base.errors import InputError, IntegrityError, nearest
 from fastcoil.base.files import file_name, is_file, is_folder, make_folder, storage_errors
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import heating_day, paper_day

@@ -34,8 +34,7 @@ from fastcoil.study.folder.results import (
     study_attributes,
 )
 from fastcoil.study.folder.stored import WORDS, Environment, Manifest, finished_manifest, reworded
-from fastcoil.study.workers.pools import BACKENDS, backend_problems, make_pool, run_shards
-from fastcoil.study.workers.worker import Job
+from fastcoil.study.workers import BACKENDS, Job, backend_problems, make_pool, run_shards
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.base.errors import WrongType, collecting, shown
+from fastcoil.base.arguments import collecting
+from fastcoil.base.errors import WrongType, shown
 from fastcoil.base.files import storage_errors
 
 FAMILY = {

@@ -10,8 +10,8 @@ import xarray as xr
 
 from fastcoil.loops.plan import Shard
 from fastcoil.model.metric_table import STATUS_OK
-from fastcoil.study.workers import pools
-from fastcoil.study.workers.pools import run_shards
+from fastcoil.study import workers as pools
+from fastcoil.study.workers import run_shards
 from helpers.processes import N_SCENARIOS
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from fastcoil.base.errors import FastcoilError
 from fastcoil.loops.plan import Shard
 from fastcoil.study import run as runner
-from fastcoil.study.workers.worker import Job, run_scenarios
+from fastcoil.study.workers import Job, run_scenarios
 from helpers import calls
 from helpers.failing_files import Nth, operations
 from helpers.studies import TRACED, run, write_study

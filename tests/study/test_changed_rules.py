@@ -11,11 +11,11 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.loops.plan import Shard
 from fastcoil.study import maintenance
+from fastcoil.study import workers as worker
 from fastcoil.study.file.own_code import _load, load_rules
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.stored import Manifest, checksum
 from fastcoil.study.run import execute
-from fastcoil.study.workers import worker
 
 STUDY = """
 [loop]

@@ -12,8 +12,8 @@ import joblib
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, path_of
-from fastcoil.base.errors import FastcoilError, InputError, StorageError, collecting
+from fastcoil.base.arguments import checking, collecting, flag_of, path_of
+from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.base.files import commit, entries, exists, is_folder, make_folder, require_file, storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.base.text import NONE, no_formula, printable

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import checking, instance_of, path_of
-from fastcoil.base.errors import InputError, WrongType, collecting, nearest, shown
+from fastcoil.base.arguments import checking, collecting, instance_of, path_of
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.logs import read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds

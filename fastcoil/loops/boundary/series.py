@@ -10,8 +10,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arrays import Array, array_of
-from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.base.arguments import array_of, collecting
+from fastcoil.base.arrays import Array
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.series import COLUMNS, Series
 from fastcoil.loops.labelled import Course, as_labelled, course_of, differing, in_our_unit
 

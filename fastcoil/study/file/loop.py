@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.base.arguments import collecting
+from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import read_text
 from fastcoil.loops.assignment import WORD, expanded, table_of
 from fastcoil.loops.labels import unit_in_words

@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.base.errors import InputError, collecting, shown
+from fastcoil.base.arguments import collecting
+from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import TooLargeError, is_file, read_bytes, require_usable
 from fastcoil.model.user_rules import KINDS, Rule, is_word, own_parameters, parameter
 from fastcoil.study.file.tables import StudyFile

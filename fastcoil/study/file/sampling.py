@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import choice_of, whole_of
-from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.base.arguments import choice_of, collecting, whole_of
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 from fastcoil.study.file.tables import are_numbers, first_of, known_parameters, sampled_names

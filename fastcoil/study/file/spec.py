@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.base.arguments import collecting
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.design.operating_points import require_one_gap
 from fastcoil.design.tuning_plan import Asked, plan_tuning

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastcoil.base.errors import InputError, collecting, nearest, shown
+from fastcoil.base.arguments import collecting
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.model.metric_table import TRACES, WARM_UP
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name

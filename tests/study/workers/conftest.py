@@ -3,7 +3,7 @@
 import pytest
 
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers.worker import Job
+from fastcoil.study.workers import Job
 
 
 @pytest.fixture(scope="module")

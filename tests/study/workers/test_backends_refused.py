@@ -16,9 +16,9 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
+from fastcoil.study import workers as pools
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.workers import pools
-from fastcoil.study.workers.worker import Job, identity, run_elsewhere
+from fastcoil.study.workers import Job, identity, run_elsewhere
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.loops.plan import Shard
 from fastcoil.model.metric_table import STATUS_CRASHED, STATUS_OK
-from fastcoil.study.workers.worker import Interrupt
+from fastcoil.study.workers import Interrupt
 
 pytestmark = pytest.mark.timeout(60)
 

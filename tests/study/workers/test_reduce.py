@@ -10,7 +10,7 @@ from helpers.refusals import only_problem, problems
 
 from fastcoil.base.errors import InputError
 from fastcoil.study.file.own_code import Source, load
-from fastcoil.study.workers.reduce import reduce
+from fastcoil.study.reduce import reduce
 
 SOURCE = """
 import numpy as np

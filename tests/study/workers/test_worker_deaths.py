@@ -19,12 +19,11 @@ import fastcoil as fc
 from fastcoil.base.errors import FastcoilError, InputError, StorageError
 from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
+from fastcoil.study import workers as pools
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.stored import SHARDS
 from fastcoil.study.run import execute
-from fastcoil.study.workers import pools
-from fastcoil.study.workers.pools import make_pool
-from fastcoil.study.workers.worker import Job
+from fastcoil.study.workers import Job, make_pool
 
 _PIPE = 2**16
 """Bytes that a pipe takes before somebody reads."""
