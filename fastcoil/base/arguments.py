@@ -181,11 +181,8 @@ def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[A
             raise InputError(f"{name} has rows of different length: give one length") from None
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}")) from None
     if array.dtype.kind not in kinds:
-        raise InputError(
-            WrongType(
-                f"{name} = {shown(value)} is of type {'text' if array.dtype.kind in 'US' else array.dtype.name}: {cure}"
-            )
-        )
+        kind = "text" if array.dtype.kind in "US" else array.dtype.name  # the name of text has its length in bits
+        raise InputError(WrongType(f"{name} = {shown(value)} is of type {kind}: {cure}"))
     return array
 
 
