@@ -16,7 +16,8 @@ from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.prediction import Prediction, cycles_at, shortest_ti, simc_gains
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.loop import Loop
+from fastcoil.loops.clashes import unread_values
+from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.simulate import simulate
 from fastcoil.model.metric_table import HUNTING_SWING, OFF, SETTLING_TIME, STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS, Scalar
@@ -25,9 +26,9 @@ UNSURE = (0.7, 1.0)
 """Margins between which theory does not decide."""
 SAFE = 0.7
 """Margin that a cure has to reach."""
-AS_IS, LOWER_KP, LONGER_TI, SIMC, SIMULATED, PI, ACTION, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
-    "as_it_is", "lower_kp", "longer_ti", "simc", "simulated_gains", "pi", "action", "dead_band", "inverse",
-    "simc_and_inverse", "repaired_valve",
+AS_IS, LOWER_KP, LONGER_TI, SIMC, SIMULATED, PI, NO_INVERSE, ACTION, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
+    "as_it_is", "lower_kp", "longer_ti", "simc", "simulated_gains", "pi", "no_inverse", "action", "dead_band",
+    "inverse", "simc_and_inverse", "repaired_valve",
 )  # fmt: skip
 GAINS = (LOWER_KP, LONGER_TI, SIMC, SIMULATED)
 """Cures that change kp and ti alone."""
@@ -37,8 +38,6 @@ LEAST_GAIN = 0.2
 """Smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1."""
 DEAD_BAND_WIDTHS = (0.1, 0.5)
 """Least and most, K; as wide as the swing is high in between."""
-TOO_LARGE = 1.02
-"""Estimate relative to the gap from which the motor may chatter; an estimator finds it to a few thousandths."""
 _QUIET_DEAD_BAND = 0.25  # K, where nothing hunts
 _FACTORS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)
 """Of the kp that is tried where no gains of theory stop the hunting."""
@@ -80,11 +79,12 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
             tuned["kp"] = _rounded(tuned["kp"] * SAFE / margin, down=True)
         found.append(_gains(SIMC, **tuned, words="SIMC: "))
     gains = found[-1].changes if simc is not None else {}
-    estimate, other_law = float(loop["backlash_estimate"]), loop["law"] != "pi"  # type: ignore[arg-type]
-    if gains and (other_law or estimate > TOO_LARGE * backlash):
-        words = "the PI in place of this law" if other_law else "no inverse"
-        plain: dict[str, Scalar] = {"law": "pi"} if other_law else {"backlash_estimate": 0.0}
-        found.append(Cure(PI, found[-1].words.replace("SIMC:", f"{words},"), {**plain, **gains}))
+    other_law, plain = loop["law"] != "pi", without_inverse(loop)
+    if gains and (other_law or plain):
+        words, changes = ("the PI in place of this law", {"law": "pi"}) if other_law else ("no inverse", plain)
+        found.append(Cure(PI, found[-1].words.replace("SIMC:", f"{words},"), {**changes, **gains}))
+    if plain:
+        found.append(Cure(NO_INVERSE, "no inverse", plain))
     band = _QUIET_DEAD_BAND
     if has_theory and prediction.hunting.size:  # as wide as the swing is high, to 0.05 K
         height = float(np.nanmax(prediction.cycles.amplitude[prediction.reached]))
@@ -92,9 +92,10 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
     if float(loop["error_dead_band"]) < band:  # type: ignore[arg-type]
         found.append(Cure(DEAD_BAND, f"error dead band of {band:g} K", {"error_dead_band": band}))
     if backlash > 0.0:
-        if has_theory or other_law or turned:
+        if prediction.worst >= 0:
             gain = max(abs(float(prediction.plants.gain[prediction.worst])), LEAST_GAIN)
             inverse: dict[str, Scalar] = {
+                **plain,
                 "backlash_estimate": INVERSE_SHARE * backlash,
                 "compensation": "inverse",
                 "buffer_ratio": BUFFER_RATIO,
@@ -106,8 +107,9 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
             if not other_law:
                 found.append(Cure(INVERSE, f"inverse of {sizes}", inverse))
             if gains:
-                changes = {**({"law": "pi"} if other_law else {}), **gains, **inverse}
-                found.append(Cure(BOTH, f"{'the PI' if other_law else 'SIMC'} and inverse of {sizes}", changes))
+                law = {"law": "pi"} if other_law else {}
+                words = f"{'the PI' if other_law else 'SIMC'} and inverse of {sizes}"
+                found.append(Cure(BOTH, words, {**gains, **inverse, **law}))
         # no gap, and whatever assumed one is off; a stem cannot stick without a gap in this model
         without = {"backlash": 0.0, "backlash_estimate": 0.0, "slip_jump": 0.0}
         found.append(Cure(REPAIRED, "valve repaired: no backlash", without))
@@ -117,6 +119,15 @@ def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cu
         rest = [Cure(one.name, f"{words}, {one.words}", {**one.changes, **right}) for one in found[1:]]
         found = [found[0], Cure(ACTION, words, right), *rest]
     return found
+
+
+def without_inverse(loop: Loop) -> dict[str, Scalar]:
+    """What turns a compensation off; empty where there is none."""
+    on = {"backlash_estimate": loop["backlash_estimate"], "learning_step": loop["learning_step"]}
+    off: dict[str, Any] = {name: 0.0 for name, value in on.items() if value}
+    if words_used(loop, "estimator") != {"none"}:
+        off["estimator"] = "none"
+    return off | {name: PARAMETERS[name].default for name in unread_values(loop.assign(**off))}
 
 
 def _rounded(value: float, *, down: bool | None = None) -> float:
@@ -155,12 +166,16 @@ PLAIN = 1.5
 """So many times as large a swing shows that a loop hunts here and not there."""
 AS_PREDICTED = 0.7
 """Simulated over predicted swing from which the one counts as the other."""
+TOO_LARGE, FEW_TURNS, BY_JUMPS = 1.02, 2.0, 1.0 / 3.0
+"""A motor chatters with so large an estimate relative to the gap (an estimator finds it to a few thousandths), more
+turns in 10 min than that, and so large a share of its travel in the jumps at the turns."""
 
 
 def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     """Simulate and predict every cure: metrics, the trace T_sup, the margin, and whether it hunts, over ``cure``.
 
     ``hunting`` is 1 where the day hunts after the metric ``hunts``, or for a part of it (see ``_hunts_in_part``).
+    ``chatters`` is 1 where the motor turns again and again since the estimate is larger than the gap.
     ``swings`` is K at each operating point.
     """
     swept, boundary = with_cures(trial.loop, cures), trial.boundary
@@ -178,10 +193,14 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
         margin = cycles.margin.max(axis=1)
         parts = zip(swings[:, reached], cycles.hunts > 0.0, cycles.amplitude, strict=True)
         hunting |= [_hunts_in_part(*part) for part in parts]
+    too_large = ds["estimate_settled"] > TOO_LARGE * ds["backlash_final"]
+    jumps = ds["switch_frequency"] * (boundary.n_steps - trial.warm_up) / 600.0 * ds["estimate_settled"]
+    chatters = too_large & (ds["switch_frequency"] > FEW_TURNS) & (jumps > BY_JUMPS * ds["motor_travel"])
     return ds.assign_coords(cure=[cure.name for cure in cures]).assign(
         words=("cure", [cure.words for cure in cures]),
         margin=("cure", margin, {"long_name": "largest describing-function margin, predicted"}),
         hunting=("cure", hunting.astype(float), {"long_name": "whether it hunts, at least for a part of the day"}),
+        chatters=("cure", chatters.values.astype(float), {"long_name": "whether the motor chatters"}),
         swings=(("cure", "point"), swings, {"long_name": "simulated, peak to peak", "units": "K"}),
     )
 
@@ -234,7 +253,7 @@ def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
 
 
 class Option(NamedTuple):
-    """What a loop does as it is, or with a change: RMS error, K, motor travel, whether it hunts, and its margin."""
+    """What a loop does as it is, or with a change.  error: RMS, K; margin: of the describing function."""
 
     name: str
     words: str
@@ -242,13 +261,14 @@ class Option(NamedTuple):
     travel: float
     hunts: bool
     margin: float = math.nan
+    chatters: bool = False
 
 
 def options_of(cures: xr.Dataset) -> list[Option]:
     """The options that ``try_cures`` tried."""
     cures = cures.assign(error=cures["rmse"].where(cures["status"] == STATUS_OK), hunts=cures["hunting"] > 0.0)
-    columns = (cures[name].values.tolist() for name in ("cure", "words", "error", "motor_travel", "hunts", "margin"))
-    return [Option(*row) for row in zip(*columns, strict=True)]
+    names = ("cure", "words", "error", "motor_travel", "hunts", "margin", "chatters")
+    return [Option(*row) for row in zip(*(cures[name].values.tolist() for name in names), strict=True)]
 
 
 class Advice(NamedTuple):
@@ -262,14 +282,14 @@ WORSE, BETTER = 1.05, 0.95
 """RMSE relative to now from which an option counts as worse, and up to which as better."""
 _RANKS = {INVERSE: 1, BOTH: 1, DEAD_BAND: 3, REPAIRED: 4}
 """Settings of the PI come first, then what asks for the size of the gap, then (2) what is calm although its margin is
-too large; a dead band hides the swing, a repair is no setting."""
+too large or its motor chatters; a dead band hides the swing, a repair is no setting."""
 
 
 def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE", least: float = 0.0) -> Advice:
     """Choose an option and say so.
 
-    Where the loop hunts, the first rank with an option that does not, and its least error; where it does not, only what
-    takes 5 % off the error.
+    Where the loop hunts or its motor chatters, the first rank with an option that does not, and its least error; where
+    it does not, only what takes 5 % off the error.
 
     options: the loop as it is first.  holds: whether the loop holds its set-point as it is.  error: its name.  least:
     error that counts, K.
@@ -277,16 +297,21 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
     now = options[0]
 
     def rank(k: int) -> tuple[int, float]:
-        of_name = _RANKS.get(options[k].name, 0)
-        return (max(of_name, 2) if options[k].margin > HUNTS_ABOVE else of_name), options[k].error
+        of_name, one = _RANKS.get(options[k].name, 0), options[k]
+        return (max(of_name, 2) if one.chatters or one.margin > HUNTS_ABOVE else of_name), one.error
 
     def effect(k: int, words: str = "") -> str:
         moved = f", motor travel × {number(options[k].travel / now.travel)}" if now.travel > 0.0 else ""
         doubt = f"  This day stays calm, but a margin of {options[k].margin:.2g} is above {HUNTS_ABOVE:g}."
         said = f"{words or options[k].words}: {error} {100 * (options[k].error / now.error - 1.0):+.0f} %{moved}."
-        return said + doubt * (rank(k)[0] == 2 and not options[k].hunts)
+        return said + doubt * (options[k].margin > HUNTS_ABOVE and rank(k)[0] == 2 and not options[k].hunts)
 
-    able = [k for k, one in enumerate(options) if k and math.isfinite(one.error) and not one.hunts]
+    trouble = "hunting" if now.hunts else "chatter" if now.chatters else ""
+
+    def calm(one: Option) -> bool:
+        return not one.hunts and (now.hunts or not one.chatters)
+
+    able = [k for k, one in enumerate(options) if k and math.isfinite(one.error) and calm(one)]
     better = [k for k in able if options[k].error < BETTER * now.error]
     with_gap = [k for k in able if options[k].name in (INVERSE, BOTH)]
     known = "If the backlash is known to 5 %: "
@@ -295,7 +320,7 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
         k = min((k for k in with_gap if options[k].error < BETTER * options[best].error), key=rank, default=0)
         return f"  {known}{effect(k)}" if k and rank(best)[0] == 0 else ""
 
-    if not now.hunts:
+    if not trouble:
         if holds and now.error < least:
             return Advice(0, f"Leave it: its error is below {kelvin(least)}.")
         settings = [k for k in better if options[k].name not in (DEAD_BAND, REPAIRED)]
@@ -308,18 +333,19 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
         words = {DEAD_BAND: "an error dead band would", REPAIRED: "a repaired valve would"}
         other = min(better, key=rank, default=0)
         ends = f"; {effect(other, words[options[other].name])}" if other else "."
-        calm = " and stays calm" * any(one.hunts and one.error < BETTER * now.error for one in options)
+        ends = " and stays calm" * any(one.error < BETTER * now.error and not calm(one) for one in options) + ends
         what = "gains" if options[other].name == DEAD_BAND else "settings"
-        return Advice(0, f"Leave it: none of these {what} takes 5 % off the error{calm}{ends}")
+        return Advice(0, f"Leave it: none of these {what} takes 5 % off the error{ends}")
     best = min(able, key=rank, default=0)
     if not best:
         nearest = min(range(len(options)), key=lambda k: np.nan_to_num(options[k].error, nan=np.inf))
-        return Advice(0, "None of these stops the hunting" + (f"; least error: {effect(nearest)}" if nearest else "."))
+        ends = f"; least error: {effect(nearest)}" if nearest else "."
+        return Advice(0, f"None of these stops the {trouble}{ends}")
     text = f"Do this: {effect(best)}{then(best)}"
     if options[best].name == DEAD_BAND:
         text += "  It only hides the swing: the margin and every error within the band stay."
     if options[best].name == REPAIRED:
-        text += "  None of these settings stops the hunting."
+        text += f"  None of these settings stops the {trouble}."
     return Advice(best, text)
 
 

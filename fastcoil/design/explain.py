@@ -13,6 +13,7 @@ from fastcoil.base.arguments import checking, instance_of, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.text import aligned
 from fastcoil.design.advice import (
+    AS_IS,
     GAINS,
     LONGER_TI,
     REPAIRED,
@@ -117,6 +118,8 @@ def explain(
     prediction = predict(nearest_linear(loop) if doubts else loop, points)
     doubts = doubts or why_no_margin(prediction)
     has_theory = not doubts
+    if prediction.worst < 0:  # gains are tried whatever compensates
+        prediction = predict(nearest_linear(loop), points)
     if acts_wrong_way(prediction):
         action = "cooling" if loop["action"] == "heating" else "heating"
         prediction = predict(prediction.loop.assign(action=action), points)
@@ -179,7 +182,7 @@ class Explanation:
         Dataset over ``point``: each hour at each set-point with its margin; None where theory cannot tell.
     cures
         Dataset over ``cure``, ``as_it_is`` first: the parameters that change, the predicted ``margin``, the simulated
-        metrics, ``hunting`` (1 where the day hunts, at least for a part), ``words`` and ``verdict``.
+        metrics, ``hunting`` (1 where the day hunts, at least for a part), ``chatters``, ``words`` and ``verdict``.
     recommended, advice
         The cure to take, ``as_it_is`` where the loop is good, or nothing helps; and the sentences that say so.
     loop, boundary
@@ -267,27 +270,36 @@ class Explanation:
         if self._failed:
             return "This loop cannot be simulated: temperatures leave the range of the model."
         if self.hunts:
-            return f"This loop will hunt{' for a part of the day' * self._in_part}: {self._simulated_swing}."
+            more = f"; {self._chatter}" if self._chatter else ""
+            return f"This loop will hunt{' for a part of the day' * self._in_part}: {self.shows()}{more}."
         if self.simulated["share_off"][0] > _LOST:
             error = kelvin(float(self.cures["rmse"][0]))
             return f"This loop will not hunt, but it does not hold its set-point either: its RMS error is {error}."
+        if self._chatter:
+            return f"This loop will not hunt, but {self._chatter}."
         if self.predicted:
             return "This loop will not hunt on this day, but theory predicts that it may: it is on the edge."
         return f"This loop will not hunt{', but it is on the edge' * (UNSURE[0] <= self.margin <= UNSURE[1])}."
 
+    def shows(self, cure: str = AS_IS) -> str:
+        """What the simulated day shows with a cure, or as it is."""
+        one = self.simulated.sel(cure=cure)
+        if not one["hunting"]:
+            return f"no hunting, RMS error {kelvin(float(one['rmse']))}"
+        swing, period = float(one["hunting_swing"]), float(one["hunting_period"])
+        if one["hunts"] or self.prediction is None:
+            return f"about {kelvin(swing)} peak to peak every {seconds(period)}"
+        there = self.prediction.hunting
+        swing, of = float(np.nanmedian(one["swings"].values[there])), self.prediction.reached.size
+        return f"about {kelvin(swing)} peak to peak at {there.size} of {of} operating points"
+
     @property
-    def _simulated_swing(self) -> str:
-        """What the simulated day shows."""
-        if not self.hunts:
-            return f"no hunting, RMS error {kelvin(float(self.cures['rmse'][0]))}"
-        if self._in_part and self.prediction is not None:
-            there = self.prediction.hunting
-            swing = float(np.nanmedian(self.simulated["swings"].values[0, there]))
-            return (
-                f"about {kelvin(swing)} peak to peak at {there.size} of {self.prediction.reached.size} operating points"
-            )
-        swing, period = (float(self.cures[name][0]) for name in ("hunting_swing", "hunting_period"))
-        return f"about {kelvin(swing)} peak to peak every {seconds(period)}"
+    def _chatter(self) -> str:
+        """How the motor chatters; empty where it does not."""
+        now = self.simulated.isel(cure=0)
+        estimate, gap = (per_cent(float(now[name])) for name in ("estimate_settled", "backlash_final"))
+        turns = f"its motor chatters, {6.0 * float(now['switch_frequency']):.0f} turns an hour"
+        return f"{turns}: the estimate, {estimate}, is larger than the backlash, {gap}" if now["chatters"] else ""
 
     @property
     def _in_part(self) -> bool:
@@ -381,7 +393,7 @@ def _agreement(e: Explanation, points: xr.Dataset) -> str:
         cycle = f"up to {kelvin(swings[k])} peak to peak every {seconds(float(there['period'][k]))}"
     elif swings.size:
         cycle = "a cycle, of a size that theory does not give"
-    line = f"Predicted: {cycle}; simulated over the day: {'failed' if e._failed else e._simulated_swing}."
+    line = f"Predicted: {cycle}; simulated over the day: {'failed' if e._failed else e.shows()}."
     return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
 
 

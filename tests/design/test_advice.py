@@ -10,6 +10,7 @@ from helpers.advice_checks import (
     any_loop,
     contradictions,
     contradictions_of_log,
+    followed,
     integrate,
     random_loop,
     unsettled,
@@ -93,8 +94,44 @@ def test_a_loop_that_does_not_hold_its_set_point_is_not_left_alone():
     assert advise([QUIET, option("simc", 0.4)], holds=False).text == "None of these makes it hold its set-point."
 
 
+def test_a_motor_that_chatters_is_calmed_at_a_larger_error_if_need_be():
+    now, plain, inverse = QUIET._replace(chatters=True), option("no_inverse", 0.5), option("inverse", 0.3)
+    found = advise([now, option("simc", 0.3)._replace(chatters=True), plain, inverse])
+    assert found.text.startswith(
+        "Do this: words of no_inverse: RMSE +25 %, motor travel × 1.2.  If the backlash is known"
+    )
+    assert advise([now]).text == "None of these stops the chatter."
+
+
+def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_ends_it():
+    found = fc.explain(fc.Loop.preset("lbnl").assign(backlash_estimate=0.08, noise_std=0.05), DAY)
+    assert found.answer.startswith("This loop will not hunt, but its motor chatters, ")
+    assert found.answer.endswith(" turns an hour: the estimate, 8 %, is larger than the backlash, 7 %.")
+    assert "chatters" not in fc.explain(FAST.assign(backlash_estimate=0.07, noise_std=0.05), DAY).answer
+    assert "chatters" not in fc.explain(followed(found), DAY).answer
+
+
+def test_an_error_that_nobody_sees_is_left_alone():
+    assert (
+        advise([option(AS_IS, 0.009), option("simc", 0.001)], least=0.01).text == "Leave it: its error is below 0.01 K."
+    )
+
+
+def test_simc_does_not_depend_on_the_gains_that_a_loop_has():
+    gains = [fc.explain(FAST.assign(kp=kp, ti=ti), DAY).cures.sel(cure="simc") for kp, ti in ((0.003, 200), (0.1, 8))]
+    assert float(gains[0].kp) == float(gains[1].kp)
+    assert float(gains[0].ti) == float(gains[1].ti)
+
+
 def test_a_cure_that_could_not_be_simulated_has_no_error():
-    names = {"words": ["a", "b"], "rmse": [0.4, 0.1], "motor_travel": [1, 1], "hunting": [1, 0], "margin": [2, 0.1]}
+    names = {
+        "words": ["a", "b"],
+        "rmse": [0.4, 0.1],
+        "motor_travel": [1, 1],
+        "hunting": [1, 0],
+        "margin": [2, 0.1],
+        "chatters": [0, 0],
+    }
     ds = xr.Dataset({name: ("cure", values) for name, values in names.items()}, {"cure": [AS_IS, "simc"]})
     options = options_of(ds.assign(status=("cure", [0, 2])))
     assert verdict(*options) == "failed"

@@ -135,7 +135,9 @@ def contradictions(found):
     check("answer: calm, simulated: hunts", now.hunts > 0 and not says_hunts)
     check("answer: hunts, sentence: no hunting", says_hunts and "no hunting" in text)
     check("answer against row", says_hunts == row.endswith("does not hunt"))
-    check("calm, but to be cured", not says_hunts and "Do this" in advice and "does not hold" not in first)
+    troubled = "does not hold" in first or "chatters" in first
+    check("calm, but to be cured", not says_hunts and "Do this" in advice and not troubled)
+    check("chatters, but left alone", "chatters" in first and not says_hunts and "Leave it" in advice)
     check("hunts, but left alone", says_hunts and ("Leave it" in advice or "If the error matters" in advice))
     calm_gains = [
         simulated(loop, day, **PLAIN, kp=float(m.kp_simc) * factor, ti=float(m.ti_simc) * time)
