@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import pytest
 from helpers.commands import fastcoil, planned_and_run
-from helpers.studies import TRACED
+from helpers.studies import PLAIN, TRACED
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.study.file.own_code import _load
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.stored import Manifest
+from fastcoil.study.maintenance import one_scenario
 from fastcoil.study.run import execute
 
 pytestmark = pytest.mark.kernel
@@ -102,4 +103,30 @@ def test_a_finished_folder_is_looked_at_without_running_its_code(run_before, tra
         done = fastcoil(*command)
         assert done.exit_code == 0, done.output
     fc.open_study(run_before).close()
+    assert not trace.exists()
+
+
+LAW = """
+import pathlib
+from typing import NamedTuple
+import fastcoil as fc
+pathlib.Path({trace!r}).touch()
+class Parameters(NamedTuple):
+    kp: float
+class Memory(NamedTuple):
+    last: float = 0.0
+@fc.law(Parameters=Parameters, Memory=Memory)
+def rule(now, p, memory):
+    return p.kp * now.error, memory
+"""
+
+
+def test_a_scenario_with_the_studys_own_law_is_refused_and_another_is_explained(with_code, trace):
+    path = with_code(
+        PLAIN.replace("[sweep]", '[cases.controller]\nown = { law = "mine:rule" }\npi = { law = "pi" }\n[sweep]'), LAW
+    )
+    at = {"backlash": "0.02", "estimate_ratio": "0.9", "day": "1"}
+    with pytest.raises(InputError, match="uses rule, code of the study's own, which is not run here"):
+        one_scenario(path, at | {"controller": "own"}, {})
+    assert one_scenario(path, at | {"controller": "pi"}, {}).loop["law"] == "pi"
     assert not trace.exists()

@@ -89,11 +89,9 @@ def test_a_new_title_is_taken_over_too(tmp_path):
     [
         (TARIFF.replace("heat = 0.05", ""), "[tariff] heat is missing: give it, such as heat = 0.05"),
         (TARIFF + "copp = 3", "[tariff] copp is unknown, did you mean 'cop'?"),
-        (TARIFF + "cop = 0.1", "[tariff] cop = 0.1: give the coefficient of performance"),
         (TARIFF.replace("12", "'12'"), "[tariff] demand = '12': give a number"),
         (TARIFF.replace("12", "-12"), "[tariff] demand = -12.0: give the monthly price"),
         (TARIFF + "electric_heat = 1", "[tariff] electric_heat = 1: give true or false"),
-        (TARIFF + "currency = ''", "[tariff] currency = '': give its name"),
         (TARIFF + "baseline = { tunning = 'slow' }", "[tariff] baseline: 'tunning' is no dimension of the loops"),
         (TARIFF + "baseline = { tuning = 'slo' }", "[tariff] baseline: tuning has no label 'slo': choose one of as_f"),
         (TARIFF + "baseline = { tuning = 'slow', backlash = 0.0 }", "give one dimension and one of its labels"),
