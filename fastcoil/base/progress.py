@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass
+from typing import Any
 
 SECONDS_BETWEEN_LINES = 10.0
 PATIENCE = 2.0
@@ -34,95 +34,19 @@ def is_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty()
 
 
-@dataclass
-class State:
-    """``what`` is done, of which ``before`` in an earlier run, and seconds since this run began."""
-
-    of: int
-    before: int = 0
-    done: int = 0
-    seconds: float = 0.0
-    what: str = "scenario-days"
-
-    @property
-    def rate(self) -> float:
-        """Done per second in this run."""
-        return (self.done - self.before) / max(self.seconds, 1e-9)
-
-    @property
-    def rate_words(self) -> str:
-        return f"{self.rate:,.0f}/s" if self.rate >= 0.5 else ""
-
-    def words(self) -> str:
-        """The state as one line of text."""
-        if self.done >= self.of:
-            return f"{self.of:,} {self.what} in {duration(self.seconds)}"
-        to_go = f"{duration((self.of - self.done) / self.rate)} to go" if self.done > self.before else ""
-        return ", ".join(filter(None, [f"{self.done:,} of {self.of:,} {self.what}", self.rate_words, to_go]))
-
-
-class Bar:
-    """Progress bar on a terminal."""
-
-    def open(self, state: State) -> None:
-        from rich import progress
-        from rich.console import Console
-
-        columns = (
-            progress.BarColumn(),
-            progress.MofNCompleteColumn(),
-            progress.TextColumn("{task.description}"),
-            progress.TextColumn("{task.fields[rate]}"),
-            progress.TimeElapsedColumn(),
-            progress.TextColumn("ETA"),
-            progress.TimeRemainingColumn(),
-        )
-        self.bar = progress.Progress(*columns, console=Console(stderr=True))
-        self.task = self.bar.add_task(state.what, total=state.of, rate="")
-        self.bar.tasks[0].start_time = time.monotonic() - state.seconds
-        self.bar.start()
-        self.draw(state)
-
-    def draw(self, state: State) -> None:
-        self.bar.update(self.task, completed=state.done, rate=state.rate_words)
-
-    def close(self, state: State) -> None:
-        self.bar.stop()
-
-
-class Lines:
-    """Lines of text on stderr, some seconds apart; with ``closing`` also a last one."""
-
-    def __init__(self, *, closing: bool) -> None:
-        self.closing, self.last = closing, time.monotonic()
-
-    def open(self, state: State) -> None:
-        pass
-
-    def draw(self, state: State) -> None:
-        now = time.monotonic()
-        if now - self.last >= SECONDS_BETWEEN_LINES and state.done < state.of:
-            self.last = now
-            self._write(state)
-
-    def close(self, state: State) -> None:
-        if self.closing and state.done >= state.of:
-            self._write(state)
-
-    def _write(self, state: State) -> None:
-        with suppress(OSError, ValueError):  # stderr is closed
-            print(state.words(), file=sys.stderr, flush=True)
-
-
 class Shown(AbstractContextManager["Shown"]):
-    """Shows progress in a view; call ``start`` when the total is known.  As a context it closes the view at its end."""
+    """Shows progress, unless it is silent; call ``start`` when the total is known.
 
-    def __init__(self, view: Bar | Lines | None, patience: float) -> None:
-        self._view, self._patience = view, patience
+    On a terminal a bar appears after some seconds of patience and ends with the context.  Elsewhere there are lines of
+    text, some seconds apart; with ``closing`` also a last one.
+    """
+
+    def __init__(self, *, silent: bool, patience: float, closing: bool) -> None:
+        self.silent, self._patience, self._closing = silent, patience, closing
         self._lock = threading.RLock()
         self._timer: threading.Timer | None = None
-        self._state = State(0)
         self._first: float | None = None
+        self._bar: Any = None
         self._is_open = False
 
     def __exit__(self, *_: object) -> None:
@@ -131,8 +55,9 @@ class Shown(AbstractContextManager["Shown"]):
     def start(self, of: int, before: int = 0, what: str = "scenario-days") -> Advance:
         """Begin with ``before`` of ``of`` of ``what`` done; returns the function that advances the count."""
         self.stop()
-        self._state, self._began = State(of, before, before, what=what), time.monotonic()
-        if self._view is None:
+        self._of, self._before, self._done, self._what = of, before, before, what
+        self._began = self._last = time.monotonic()
+        if self.silent:
             return lambda finished: None
         # work in several parts is shown once all of them have taken that long
         self._first = self._began if self._first is None else self._first
@@ -147,47 +72,82 @@ class Shown(AbstractContextManager["Shown"]):
         return self._advance
 
     def stop(self) -> None:
-        """Close the view with a complete line."""
+        """End the bar with a complete line."""
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()
-            timer, self._timer = self._timer, None
-            if self._view is not None and timer is not None and self._is_open:
-                self._view.close(self._now())
-                self._is_open = False
+            self._timer = None
+            if self._is_open and self._bar is not None:
+                self._bar.stop()
+            elif self._is_open and self._closing and self._done >= self._of:
+                self._write_line()
+            self._is_open, self._bar = False, None
 
     def _open(self) -> None:
         with self._lock:
-            if self._view is not None and self._timer is not None:
-                self._view.open(self._now())
-                self._is_open = True
+            if self._timer is None:
+                return
+            self._is_open = True
+            if is_terminal():
+                self._open_bar()
+
+    def _open_bar(self) -> None:
+        from rich import progress
+        from rich.console import Console
+
+        columns = (
+            progress.BarColumn(),
+            progress.MofNCompleteColumn(),
+            progress.TextColumn("{task.description}"),
+            progress.TextColumn("{task.fields[rate]}"),
+            progress.TimeElapsedColumn(),
+            progress.TextColumn("ETA"),
+            progress.TimeRemainingColumn(),
+        )
+        self._bar = progress.Progress(*columns, console=Console(stderr=True))
+        self._task = self._bar.add_task(self._what, total=self._of, completed=self._done, rate=self._rate)
+        self._bar.tasks[0].start_time = self._began
+        self._bar.start()
 
     def _advance(self, finished: int) -> None:
         with self._lock:
-            self._state.done += finished
-            if self._view is not None and self._is_open:
-                self._view.draw(self._now())
-            if self._state.done >= self._state.of:
+            self._done += finished
+            if self._is_open and self._bar is not None:
+                self._bar.update(self._task, completed=self._done, rate=self._rate)
+            elif self._is_open and time.monotonic() - self._last >= SECONDS_BETWEEN_LINES and self._done < self._of:
+                self._last = time.monotonic()
+                self._write_line()
+            if self._done >= self._of:
                 self.stop()
 
-    def _now(self) -> State:
-        self._state.seconds = time.monotonic() - self._began
-        return self._state
+    @property
+    def _per_second(self) -> float:
+        return (self._done - self._before) / max(time.monotonic() - self._began, 1e-9)
+
+    @property
+    def _rate(self) -> str:
+        return f"{self._per_second:,.0f}/s" if self._per_second >= 0.5 else ""
+
+    def _write_line(self) -> None:
+        if self._done >= self._of:
+            words = [f"{self._of:,} {self._what} in {duration(time.monotonic() - self._began)}"]
+        else:
+            words = [f"{self._done:,} of {self._of:,} {self._what}", *([self._rate] if self._rate else [])]
+            if self._done > self._before:
+                words.append(f"{duration((self._of - self._done) / self._per_second)} to go")
+        with suppress(OSError, ValueError):  # stderr is closed
+            print(", ".join(words), file=sys.stderr, flush=True)
 
 
 def progress_of_call(progress: bool | None) -> Shown:
     """Progress of a Python call; with None only on a terminal, after 2 s."""
-    is_silent = progress is False or (progress is None and not (is_terminal() and _is_interactive()))
-    return Shown(None if is_silent else _view(closing=True), 0.0 if progress else PATIENCE)
+    silent = progress is False or (progress is None and not (is_terminal() and _is_interactive()))
+    return Shown(silent=silent, patience=0.0 if progress else PATIENCE, closing=True)
 
 
 def progress_of_command() -> Shown:
     """Progress of a command on stderr."""
-    return Shown(_view(closing=False), PATIENCE)
-
-
-def _view(*, closing: bool) -> Bar | Lines:
-    return Bar() if is_terminal() else Lines(closing=closing)
+    return Shown(silent=False, patience=PATIENCE, closing=False)
 
 
 def _is_interactive() -> bool:
