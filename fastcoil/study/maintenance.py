@@ -18,7 +18,7 @@ from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
-from fastcoil.loops.plan import Plan, Shard, simulation_attributes
+from fastcoil.loops.plan import Plan, Shard, plan_simulation, simulation_attributes
 from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
@@ -31,7 +31,6 @@ from fastcoil.model.metric_table import (
     STATUS_NOT_RUN,
     STATUS_OK,
     TRACES,
-    WARM_UP,
 )
 from fastcoil.model.numerics.jit import is_model
 from fastcoil.model.parameter_table import PARAMETERS
@@ -223,7 +222,8 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     IntegrityError
         If the study in a folder, or a file it reads, changed since it was run.
     """
-    title, loop, boundary, warm_up, seed, carry_over = _whole(target)
+    title, plan = _whole(target)
+    loop, boundary = plan.layout.loop, plan.layout.boundary
     problems: list[str] = []
     with collecting(problems, "--set "):
         loop = loop.assign(**{name: _number_or_word(text) for name, text in changes.items()})
@@ -247,20 +247,20 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
             f"{target}: the scenario uses {' and '.join(foreign)}, code of the study's own, which is not run here: "
             "pick another scenario with --at, or use fc.explain in Python"
         )
-    apart = "this day alone, from rest" if carry_over and position.get("day") else ""
+    apart = "this day alone, from rest" if plan.carry_over and position.get("day") else ""
     changed = ", ".join(f"{name}={text}" for name, text in changes.items())
     named = "; ".join(filter(None, [title, ", ".join(labels), changed, apart]))
-    return Scenario(named, one, boundary.isel(day=position.get("day", 0)), warm_up, seed)
+    return Scenario(named, one, boundary.isel(day=position.get("day", 0)), plan.warm_up, plan.seed)
 
 
-def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int, bool]:
-    """Title, loop, boundary, warm-up and seed of all that a target holds; whether its days are a sequence."""
+def _whole(target: Path) -> tuple[str, Plan]:
+    """Title and plan of all that a target holds."""
     name = str(target)
     if name in PRESETS:
         preset = PRESETS[name]
         day = heating_day(T_w_in=preset.T_w_in) if preset.heats else paper_day()
         words = f"heating_day(T_w_in={preset.T_w_in:g})" if preset.heats else "paper_day()"
-        return f"{name} on {words}", Loop.preset(name), day, WARM_UP, 0, False
+        return f"{name} on {words}", plan_simulation(Loop.preset(name), day)
     if is_folder(target):
         store = StudyFolder(target)
         study = store.read_study(store.require_manifest())
@@ -271,8 +271,7 @@ def _whole(target: Path) -> tuple[str, Loop, Boundary, int, int, bool]:
             f"{target}: no such file, folder or preset{nearest(name, PRESETS)}; give a study file, the folder of its "
             f"results, or one of {', '.join(PRESETS)}"
         )
-    plan = study.plan
-    return study.title, plan.layout.loop, plan.layout.boundary, plan.warm_up, plan.seed, plan.carry_over
+    return study.title, study.plan
 
 
 def _number_or_word(text: str) -> float | str:

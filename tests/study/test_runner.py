@@ -4,6 +4,8 @@ import errno
 import json
 import os
 import re
+import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +191,27 @@ def test_a_study_on_a_real_weather_year_runs_from_start_to_end(tmp_path):
     assert dict(ds.rmse.sizes) == {"day": 4, "backlash": 5, "estimate_ratio": 16}
     assert int(ds.status.max()) == 0
     assert bool((ds.rmse.sel(estimate_ratio=0.9) < ds.rmse.sel(estimate_ratio=0.0)).all())
+
+
+def test_a_reader_follows_a_study_to_its_results_through_thirty_files(tmp_path):
+    """Files of the package, without the model, whose functions a small study enters; imports do not count."""
+    path, package, entered = tmp_path / "s.toml", Path(fc.__file__).parent, set()
+    path.write_text("[loop]\n[sweep]\nbacklash_estimate = [0.0, 0.05]\n[boundary]\nhours = 0.6\n")
+    fc.run_study(path, tmp_path / "warm", n_jobs=1)
+
+    def enter(frame, event, _):
+        file = Path(frame.f_code.co_filename)
+        if event == "call" and file.is_relative_to(package) and frame.f_code.co_name != "<module>":
+            entered.add(file.relative_to(package).as_posix())
+
+    threading.setprofile(enter)
+    sys.setprofile(enter)
+    try:
+        fc.run_study(path, tmp_path / "out", n_jobs=1)
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    assert len({name for name in entered if not name.startswith("model/")}) <= 30, sorted(entered)
 
 
 def refuse_to_write(*_):

@@ -143,10 +143,10 @@ _LONGEST_NAME = 200  # characters of a path that an advice repeats
 class Study:
     """A study that can be run: its text and tables, its question, and the validated plan.
 
-    folder: where its relative paths start.  sample_method: how ``[sample]`` was drawn.  reduction: the function that
-    ``[run] reduce`` names.  Both are ``None`` without.  included: the parameters from the files in ``[loop] include``.
-    rules: the code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.
-    tuning: what ``[tune]`` asks, if anything.  billing: what ``[tariff]`` asks, if anything.
+    folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names, if any.  included: the
+    parameters from the files in ``[loop] include``.  rules: the code of its own estimators and control laws, by name.
+    predict: whether results get ``PREDICTIONS``.  tuning: what ``[tune]`` asks, if anything.  billing: what
+    ``[tariff]`` asks, if anything.
     """
 
     text: str
@@ -155,7 +155,6 @@ class Study:
     question: str
     plan: Plan
     folder: Path
-    sample_method: str | None
     reduction: Source | None
     included: Mapping[str, Any] = field(default_factory=dict)
     rules: Mapping[str, Source] = field(default_factory=dict)
@@ -248,8 +247,7 @@ def _study(
     if problems or plan is None:
         raise InputError(problems)
     warn_of_magnitudes(plan.layout.loop)
-    method = file.sample["method"] if file.sample else None
     return Study(
-        text, tables, file.title or name, file.question, plan, folder, method, reduction, included, sources,
-        run.predict, tuning, billing,
+        text, tables, file.title or name, file.question, plan, folder, reduction, included, sources, run.predict,
+        tuning, billing,
     )  # fmt: skip

@@ -30,7 +30,6 @@ def test_sampled_parameters_are_zipped_along_one_dimension(read):
         "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\n[cases.tuning]\na = { ti = 5 }\nb = { ti = 9 }",
     )
     loop = study.plan.layout.loop
-    assert study.sample_method == "latin_hypercube"
     assert loop.sizes == {"backlash": 2, "tuning": 2, "sample": 10}
     for name in ("kp", "n_volumes", "action"):
         assert loop[name].dims == ("sample",)
