@@ -117,8 +117,7 @@ class LoopFigures:
         shown["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
         self._traces.data = {"hours": run.hours[first:], **shown}
         self._edges.data = _edges(run.parameter("backlash"))
-        margin = float(np.clip(np.nan_to_num(run.predicted.margin), *_SHOWN_MARGINS))
-        self._point.data = {"margin": [], "at": []} if run.predicted.doubt else {"margin": [margin], "at": [0]}
+        self._point.data = {"margin": [float(np.clip(run.margin, *_SHOWN_MARGINS))], "at": [0]}
 
         senses = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
         _show_line(self.temperature, "sensor", senses)

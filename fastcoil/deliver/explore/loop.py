@@ -1,15 +1,13 @@
-"""Settings in; traces, metrics, a prediction and a map of the loop out.  Repeated requests come from a cache."""
+"""Settings in; traces, metrics, an explanation and a map of the loop out.  Repeated requests come from a cache."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore.settings import (
     DIALS,
     GIVEN,
@@ -19,13 +17,13 @@ from fastcoil.deliver.explore.settings import (
     settings_of,
     starts,
 )
-from fastcoil.design.limit_cycle import limit_cycle
+from fastcoil.design.advice import NO_INVERSE, REPAIRED
+from fastcoil.design.explain import explain
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.maintenance import Scenario
 
@@ -80,43 +78,31 @@ def scene_of(settings: Settings, start: Start) -> Scenario:
 EVERY = 5
 """Seconds between the samples of a trace."""
 TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate")
-NOW, NO_GAP, PLAIN = range(3)
-"""The loop as it is, with a perfect valve, and without compensation."""
-
-
-class Prediction(NamedTuple):
-    """What theory predicts in the mean conditions of the day: peak-to-peak swing in K, period in s.
-
-    doubt: why it predicts nothing; empty if it does.
-    """
-
-    margin: float = np.nan
-    hunts: bool = False
-    swing: float = np.nan
-    period: float = np.nan
-    doubt: str = ""
 
 
 class Run(NamedTuple):
-    """One loop on one day.  traces: a sample every ``EVERY`` seconds; metrics: along ``case``, see ``NOW``."""
+    """One loop on one day: a sample of each trace every ``EVERY`` seconds, its metrics, and what ``explain`` says.
+
+    margin: NaN where theory cannot tell.  without: what the day shows without the gap, and without the inverse.
+    """
 
     scene: Scenario
     hours: Array
     traces: Mapping[str, Array]
     metrics: xr.Dataset
-    predicted: Prediction
+    answer: str
+    why: str
+    advice: str
+    margin: float
+    without: Mapping[str, str]
 
-    def value(self, metric: str, case: int = NOW) -> float:
-        """A metric of a case."""
-        return float(self.metrics[metric].values[case])
+    def value(self, metric: str) -> float:
+        """A metric."""
+        return float(self.metrics[metric])
 
     def parameter(self, name: str) -> float:
         """A number of the loop."""
         return float(self.scene.loop[name])  # type: ignore[arg-type]
-
-    @property
-    def failed(self) -> bool:
-        return bool(self.value("status") != STATUS_OK)
 
     @property
     def compensates(self) -> bool:
@@ -128,31 +114,15 @@ class Run(NamedTuple):
 
 
 def run(scene: Scenario) -> Run:
-    """Simulate a loop as it is, without its gap and without compensation, and predict it."""
-    loop, day = scene.loop, scene.boundary
-    cases: dict[str, Any] = {"backlash_estimate": ("case", [loop["backlash_estimate"], 0.0, 0.0])}
-    for name in ("backlash", "slip_jump", "wear_rate"):
-        if loop[name] or name == "backlash":
-            cases[name] = ("case", [loop[name], 0.0, loop[name]])
-    if estimator_of(loop) != "none":
-        cases["estimator"] = ("case", [estimator_of(loop), "none", "none"])
-    ds = simulate(
-        loop.assign(**cases), day, traces=TRACES, trace_interval=EVERY, warm_up=scene.warm_up, seed=scene.seed,
-        n_jobs=1, progress=False,
-    )  # fmt: skip
-    traces = {name: ds[name].isel(case=NOW).values for name in TRACES} | {"T_set": day.series["T_set"][0][::EVERY]}
-    return Run(scene, ds["elapsed_time"].values / 3600.0, traces, ds.drop_vars(TRACES), _predict(loop, day))
-
-
-def _predict(loop: Loop, day: Boundary) -> Prediction:
-    try:
-        found = limit_cycle(loop, day)
-    except InputError as error:
-        # "what: reason: what to do about it in Python"
-        parts = error.problems[0].split(": ")
-        return Prediction(doubt=parts[1] if len(parts) > 1 else parts[0])
-    margin, amplitude, period = (float(found[name]) for name in ("margin", "amplitude", "period"))
-    return Prediction(margin, bool(found["hunts"] > 0), 2.0 * amplitude, period)
+    """Simulate a loop, and explain it."""
+    loop, day, warm_up, seed = scene.loop, scene.boundary, scene.warm_up, scene.seed
+    ds = simulate(loop, day, traces=TRACES, trace_interval=EVERY, warm_up=warm_up, seed=seed, n_jobs=1, progress=False)
+    traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::EVERY]}
+    found = explain(loop, day, warm_up=warm_up, seed=seed)
+    words = {REPAIRED: "the gap", NO_INVERSE: "the inverse"}
+    without = {what: found.shows(name) for name, what in words.items() if name in found.cures["cure"]}
+    hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
+    return Run(scene, hours, traces, metrics, found.answer, found.why, found.advice, found.margin, without)
 
 
 _TI = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 100.0, 140.0, 200.0, 280.0, 400.0, 560.0, 800.0)

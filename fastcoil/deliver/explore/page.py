@@ -36,7 +36,7 @@ _SHEET = """
 .noUi-handle:focus, .bk-input:focus, .bk-btn:focus { outline: 3px solid #004488; outline-offset: 2px; }
 .bk-btn { padding: 6px 10px; }
 """
-_TEXTS = ("headline", "learning", "prediction", "outcome", "map-note", "problems")
+_TEXTS = ("headline", "compared", "learning", "why", "advice", "map-note", "problems")
 """Elements of the template that hold a sentence."""
 _SHOW = """
 const now = texts.data
@@ -52,14 +52,6 @@ _COPY = """
 navigator.clipboard.writeText(location.href).then(
     () => { document.getElementById('said').textContent = 'The link is copied.' },
     () => { document.getElementById('said').textContent = 'The browser does not let this page copy.' })
-"""
-_DOWNLOAD = """
-const link = document.createElement('a')
-link.href = URL.createObjectURL(new Blob([texts.data.toml[0]], {type: 'text/plain'}))
-link.download = 'loop.toml'
-link.click()
-URL.revokeObjectURL(link.href)
-document.getElementById('said').textContent = 'Saved as loop.toml: fastcoil run loop.toml'
 """
 _LOST = """
 document.getElementById('headline').textContent =
@@ -82,7 +74,7 @@ class Page:
         self._settings, self._problems = read_query(query, model.starts, model.first)
         self._begin = self._settings
         self._working, self._turns = False, 0
-        names = (*_TEXTS, "phase", "query", "toml", "turn")
+        names = (*_TEXTS, "phase", "query", "turn")
         self._texts = ColumnDataSource({name: [""] for name in names}, name="texts")
         self._figures, self._map = LoopFigures(), MapFigure(self._go)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_SHEET)]}
@@ -210,9 +202,8 @@ class Page:
     def _show_run(self, settings: Settings, run: Run) -> None:
         self._figures.show(run, settings.window)
         self._say(
-            headline=words.headline(run), learning=words.learning(run), prediction=words.prediction(run),
-            outcome=words.outcome(run), query=query_of(settings, self._model.starts),
-            toml=words.study_file(settings, self._model.starts[settings.loop]), phase="map",
+            headline=run.answer, compared=words.compared(run), learning=words.learning(run), why=run.why,
+            advice=run.advice, query=query_of(settings, self._model.starts), phase="map",
         )  # fmt: skip
 
     def _show_map(self, settings: Settings, found: Map | InputError) -> None:
@@ -251,10 +242,10 @@ class Page:
             _button(title, partial(self._move, settings_of_story(title, self._model.starts))) for title in STORIES
         ]
         reset = _button("Reset", partial(self._move, self._begin))
-        link, study = _button("Copy link"), _button("Save TOML")
-        link.js_on_click(CustomJS(code=_COPY))
-        study.js_on_click(CustomJS(code=_DOWNLOAD, args={"texts": self._texts}))
-        for name, buttons in (("stories", stories), ("tools", [reset, link, study])):
+        link = _button("Copy link")
+        # a document holds what its widgets refer to: by this button the texts, too
+        link.js_on_click(CustomJS(code=_COPY, args={"texts": self._texts}))
+        for name, buttons in (("stories", stories), ("tools", [reset, link])):
             doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
         # what was said before the page was there is no change any more
         doc.js_on_event(DocumentReady, show)
