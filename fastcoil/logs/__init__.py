@@ -1,8 +1,8 @@
 """One reader for every log: a file, DataFrame or Dataset as checked columns, for boundaries, fits, diagnosis, replay.
 
 In the order of reading: ``series`` (every column and unit), ``timestamps`` and ``cells`` (times and numbers as people
-write them), ``table`` (a file or Dataset as text), ``columns`` (which column is which), ``readings`` (bad values),
-``pieces`` (gaps and jumps of time), ``log`` (all of it), ``join`` (points logged each at its own times).
+write them), ``table`` (a file or Dataset as text), ``names`` (what headers mean), ``columns`` (which column is which),
+``readings`` (bad values), ``pieces`` (gaps and jumps), ``join`` (points logged each at its own times), ``log`` (all).
 """
 
 from fastcoil.logs.columns import Reading as Reading

@@ -17,8 +17,8 @@ MISSING = frozenset(
     ("", "-", "--", "---", "nan", "null", "none", "nil", "n/a", "na", "#n/a", "#na", "no data", "nodata", "missing")
 )
 """Cells that say that there is no value."""
-GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "{}"))
-"""A status beside a number that does not speak against it; in braces others do."""
+GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "reliable", "192", "{}"))
+"""A status beside a number that does not speak against it, 192 that of OPC; in braces others do."""
 _STATUS = re.compile(r"\{.*\}")  # A status instead of a number
 _ON = frozenset(("on", "true", "yes", "active", "enabled", "run", "running", "start", "started"))
 _OFF = frozenset(("off", "false", "no", "inactive", "disabled", "stop", "stopped"))
@@ -73,6 +73,11 @@ def is_datum(cell: str) -> bool:
     return found is not None and (not rest or rest.startswith("{") or is_unit(rest))
 
 
+def is_value(cell: str) -> bool:
+    """Whether a cell holds a number, or a word of a switch."""
+    return is_datum(cell) or cell.strip().lower() in _ON | _OFF
+
+
 def is_missing(cell: str) -> bool:
     """Whether a cell says that there is no value."""
     return len(cell) <= MOST_LETTERS and cell.strip().lower() in MISSING
@@ -116,17 +121,17 @@ def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
         if is_missing(cell) or _STATUS.fullmatch(cell[:MOST_LETTERS].strip()):
             missing[k] = True
         elif len(cell) <= MOST_LETTERS:
-            text = cell.strip()
+            text, brace, status = (part.strip() for part in cell.partition("{"))
+            marked[k] = bool(brace) and brace + status.lower() not in GOOD
             if switch and text.lower() in _ON | _OFF:
                 values[k] = float(text.lower() in _ON)
             elif (found := _NUMBER.fullmatch(text)) is not None:
-                unit, brace, status = (found["rest"] or "").partition("{")
-                marked[k] = bool(brace) and brace + status.lower() not in GOOD
+                unit = (found["rest"] or "").strip()
                 number = _written(found["number"].rstrip(), writing)
-                if not math.isnan(number) and (not unit.strip() or is_unit(unit.strip())):
+                if not math.isnan(number) and (not unit or is_unit(unit)):
                     values[k] = number
-                    if unit.strip():
-                        units[k] = unit.strip()
+                    if unit:
+                        units[k] = unit
     return Cells(values, units, missing, marked)
 
 

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, path_of, plain
-from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.logs.cells import GOOD
-from fastcoil.logs.series import COLUMNS, TIMES, counted, first_row
-from fastcoil.logs.table import STATUS, TIME_HEADERS, Table, label_and_unit
+from fastcoil.logs.names import meaning_of
+from fastcoil.logs.series import COLUMNS, TIMES
+from fastcoil.logs.table import Table, is_of_times, label_and_unit
 from fastcoil.logs.timestamps import is_time, time_format_of
 from fastcoil.model.parameter_table import Parameter
 
@@ -82,9 +81,9 @@ class Reading:
         """How to declare the unit of ``name``."""
         return self.cure(f"units={{{name!r}: {unit!r}}}", f"--unit {name}='{unit}'")
 
-    def column_cure(self, name: str) -> str:
+    def column_cure(self, name: str, header: str = "its header") -> str:
         """How to say which column holds ``name``."""
-        return self.cure(f"columns={{{name!r}: 'its header'}}", f"--column {name}='its header'")
+        return self.cure(f"columns={{{name!r}: {header!r}}}", f"--column {name}={header!r}")
 
 
 def checked_reading(check: Checks, **given: Any) -> Reading:
@@ -125,40 +124,6 @@ def log_of(name: str, source: Any) -> Any:
     return path_of(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
 
 
-_ROWS = 1000  # rows in which some status is good, or the column is none of status
-
-
-def status_columns(table: Table) -> list[int]:
-    """Indices of the columns of status: by their name, and since some row in them is good."""
-    return [
-        k
-        for k, header in enumerate(table.header)
-        if label_and_unit(header)[0].strip().lower() in STATUS
-        and any(row[k].strip().lower() in GOOD for row in table.rows[:_ROWS])
-    ]
-
-
-def marked_by_status(table: Table, columns: Mapping[str, int]) -> dict[str, Mask]:
-    """Where a column of status speaks against a value, (n,) by name.
-
-    One column of status is for all values of its row; of several, each is for the column on its left.
-    """
-    found = [k for k in status_columns(table) if k not in columns.values()]
-    marked: dict[str, Mask] = {}
-    for k in found:
-        bad = np.array([row[k].strip().lower() not in (*GOOD, "") for row in table.rows])
-        names = [
-            name
-            for name, column in columns.items()
-            if name not in ("elapsed_time", "batch") and (len(found) == 1 or column == k - 1)
-        ]
-        marked |= dict.fromkeys(names, bad)
-        if bad.any() and names:
-            first = first_row(table.row_numbers, bad)
-            table.notes.append(f"{counted(bad, 'row')} marked as bad by the column {table.header[k]!r} ({first})")
-    return marked
-
-
 _OUTPUTS = ("command", "T_sup", "T_w_out")  # always measured: no message suggests a constant for them
 _MOST_NAMED = 3  # A message names this many unknown columns and counts the rest
 _MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name, which takes a millisecond each
@@ -175,7 +140,7 @@ def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
     table.check_names("units", how.units, [name for name in names if name != "timestamp"])
     table.check_names("constants", constants, wanted.names)
     table.problems += _bad_constants(constants)
-    found = _find_headers(table, how, names, wanted)
+    found, asked_about = _find_headers(table, how, names, wanted)
     for one in [*wanted.needed, *wanted.optional, TIMES]:
         choices = (one,) if isinstance(one, str) else one
         standing_in = [f"constant {n}" for n in choices if n in constants]
@@ -187,7 +152,7 @@ def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
         elif len(given) > 1:
             which = "" if standing_in else f", or say which to read: {how.column_cure(given[0])}"
             table.problems.append(f"{' and '.join(given)} are both given: leave one out{which}")
-        elif not given and not preferred and one not in wanted.optional:
+        elif not given and not preferred and one not in wanted.optional and not asked_about & {*choices}:
             table.problems.append(_missing(choices, how))
     found = {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
     table.problems += [
@@ -209,10 +174,11 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
     return {name: column for name, column in found.items() if column is not None}
 
 
-def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) -> dict[str, int]:
-    """Index of each of our ``names`` in the header, or where the caller says.
+def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) -> tuple[dict[str, int], set[str]]:
+    """Index of each of our ``names`` in the header, where the caller says, or by what the headers mean.
 
-    Other columns are problems, unless the caller says what to read, and so are two columns of a wanted name.
+    Other columns are problems, unless the caller says what to read or the meaning of some is known, and so are two
+    columns of a wanted name.  Beside it the names that were asked about.
     """
     unknown = []
     found = asked_columns(table, how.columns or {})
@@ -220,30 +186,69 @@ def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) 
     time = table.time_column() if not {*TIMES} & {*labels, *found} else None
     if time is not None and (labels[time].lower() == "timestamp" or is_time(table.rows[0][time])):
         found["timestamp"] = time
-        if labels[time].lower() not in TIME_HEADERS:
+        if not is_of_times(table.header[time]):
             table.notes.append(f"the times are in the column {shown(table.header[time])}")
-    asked, of_status = set(how.columns or {}), status_columns(table)
+    asked = set(how.columns or {})
     for column, cell in enumerate(table.header):
         label = labels[column]
         if label in names and label in found and label not in asked and label in (*wanted.names, *TIMES):
             both = f"{shown(table.header[found[label]])} and {shown(cell)}"
-            cure = how.cure(f"columns={{{label!r}: {cell!r}}}", f"--column {label}={cell!r}")
+            cure = how.column_cure(label, cell)
             table.problems.append(f"{label} is in two columns, {both}: delete one, or say which to read: {cure}")
         elif label in names:
             found.setdefault(label, column)
-        elif column not in of_status and column not in found.values():
-            unknown.append(cell)
-    if how.columns is None and unknown:
-        hints = {cell: nearest(label_and_unit(cell)[0], names) for cell in unknown[:_MOST_HINTS]}
-        unknown.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
-        listed = "; ".join(f"{shown(cell)}{hints.get(cell, '')}" for cell in unknown[:_MOST_NAMED])
-        more = f"; and {len(unknown) - _MOST_NAMED} more" if len(unknown) > _MOST_NAMED else ""
+        elif column not in found.values():
+            unknown.append(column)
+    guessed, asked_about = _guess(table, how, wanted, found, unknown)
+    left = [table.header[k] for k in unknown if k not in guessed.values()]
+    more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
+    if left and how.columns is None and not guessed:
+        hints = {cell: nearest(label_and_unit(cell)[0], names) for cell in left[:_MOST_HINTS]}
+        left.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
+        listed = "; ".join(f"{shown(cell)}{hints.get(cell, '')}" for cell in left[:_MOST_NAMED])
         example = wanted.names[0]
         say_which = how.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
         table.problems.append(
             f"unknown columns: {listed}{more}: rename or delete them, or say what to read: {say_which}"
         )
-    return found
+    elif left and (guessed or not how.columns):
+        table.notes.append(f"left alone: {'; '.join(map(shown, left[:_MOST_NAMED]))}{more}")
+    return found | guessed, asked_about
+
+
+def _guess(
+    table: Table, how: Reading, wanted: Wanted, found: Mapping[str, int], unknown: Sequence[int]
+) -> tuple[dict[str, int], set[str]]:
+    """The ``unknown`` columns that mean wanted series which are not ``found``, and names that were asked about instead.
+
+    All are of one plant, as far as their headers say.  What is read is said; several that fit are a problem.
+    """
+    meanings = {k: meaning for k in [*unknown, *found.values()] if (meaning := meaning_of(table.header[k]))}
+    place = next((meanings[k].place for k in found.values() if k in meanings), frozenset[str]())
+    guessed: dict[str, int] = {}
+    asked_about = set()
+    for name in wanted.names:
+        fits = [k for k in unknown if k in meanings and meanings[k].name == name]
+        clear = [k for k in fits if not meanings[k].doubt and meanings[k].is_beside(place)]
+        if not fits or name in found or name in (how.constants or {}):
+            continue
+        if len(clear) == 1:
+            guessed[name] = clear[0]
+            place |= meanings[clear[0]].place
+            continue
+        asked_about.add(name)
+        first, *others = (shown(table.header[k]) for k in clear or fits)
+        cure = f"say which to read: {how.column_cure(name, table.header[(clear or fits)[0]])}"
+        if clear:
+            more = f" ({len(clear)} columns)" if len(others) >= _MOST_NAMED else ""
+            table.problems.append(f"{name} may be {' or '.join([first, *others[: _MOST_NAMED - 1]])}{more}: {cure}")
+        else:
+            doubt = meanings[fits[0]].doubt or "by its name it is of another plant than the others"
+            said = table.notes if name in wanted.optional else table.problems
+            said.append(f"{name} is missing: {first} may be it, but {doubt}: {cure}")
+    if guessed:
+        table.notes.append(", ".join(f"{shown(table.header[k])} is read as {name}" for name, k in guessed.items()))
+    return guessed, asked_about
 
 
 def _missing(choices: tuple[str, ...], how: Reading) -> str:

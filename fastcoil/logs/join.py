@@ -1,6 +1,12 @@
-"""A building's points, each logged at its own times, on one clock: the table that the fits read."""
+"""A building's points, each logged at its own times, as one table: from several files, or from rows of one value each.
 
+Such rows have a time, the name of a point and its value, as historians write them.
+"""
+
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,19 +14,29 @@ import numpy as np
 
 from fastcoil.base.arguments import collecting
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.logs.cells import is_datum
-from fastcoil.logs.columns import Reading, Wanted, status_columns
+from fastcoil.base.errors import InputError, shown
+from fastcoil.logs.cells import is_missing, is_value
+from fastcoil.logs.columns import Reading, Wanted, find_columns
+from fastcoil.logs.names import meaning_of
 from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
 from fastcoil.logs.plausibility import looks_like, misread_units
-from fastcoil.logs.readings import read_columns
-from fastcoil.logs.series import COLUMNS, counted
-from fastcoil.logs.table import Table, label_and_unit
-from fastcoil.logs.timestamps import MICROSECONDS, in_zone, offset_text
+from fastcoil.logs.readings import left_out, read_columns
+from fastcoil.logs.series import COLUMNS, TIMES, counted, is_unit
+from fastcoil.logs.table import Table, label_and_unit, letters_of
+from fastcoil.logs.timestamps import MICROSECONDS, Stamps, in_zone, offset_text
 
 POINTS = [name for name in COLUMNS if name not in ("elapsed_time", "batch")]
 """What a point may be."""
-_ROWS_LOOKED_AT = 1000  # A column without a number in them is one of remarks
+_ROWS_LOOKED_AT = 1000  # A column without a value in them is one of remarks
+_SECOND = 1_000_000
+
+
+class Source(NamedTuple):
+    """A table whose columns may be points, the times of its rows, and the header of each such column, by its index."""
+
+    table: Table
+    stamps: Stamps
+    headers: Mapping[int, str]
 
 
 class Point(NamedTuple):
@@ -38,75 +54,107 @@ class Point(NamedTuple):
     offset: int
     file: str
 
-
-def read_points(
-    paths: Sequence[Path], columns: Mapping[str, str], how: Reading, time_zone: str | None = None
-) -> tuple[list[Point], list[str]]:
-    """The points of several files, and notes on how they were read.
-
-    Parameters
-    ----------
-    paths
-        The files.
-    columns
-        Our name → file, or header, or ``file:header``, for points that neither header nor file name names.
-    how
-        Units by our name, for headers without one, and the format of the times.
-    time_zone
-        Of times that have none, such as ``America/New_York``.
-    """
-    points: list[Point] = []
-    notes: list[str] = []
-    used: set[str] = set()
-    problems = [
-        f"{option} has unknown {shown(name)}{nearest(name, POINTS)}: use {', '.join(POINTS)}"
-        for option, given in (("--column", columns), ("--unit", how.units))
-        for name in given
-        if name not in POINTS
-    ]
-    known = {name: target for name, target in columns.items() if name in POINTS}
-    for path in paths:
-        with collecting(problems):
-            table = Table.read(path)
-            points += _points_of(table, path, known, used, how, time_zone)
-            notes += [f"{table.name}: {note}" for note in table.notes]
-    names = [point.name for point in points]
-    if not problems:
-        problems += [
-            f"--column {name}={target}: no file and no header is called so, or several are"
-            for name, target in known.items()
-            if name not in used
-        ]
-        problems += [
-            f"--unit {name}={unit}: no file has the point {name}"
-            for name, unit in how.units.items()
-            if name not in names
-        ]
-    for name in dict.fromkeys(names):
-        if names.count(name) > 1:
-            files = " and ".join(point.file for point in points if point.name == name)
-            problems.append(f"{name} is in {files}: leave one out")
-    if problems:
-        raise InputError(problems)
-    return points, notes
+    @property
+    def is_regular(self) -> bool:
+        """Whether it has samples at equal steps; others are written when they change."""
+        return not may_be_of_changes(np.diff(self.times) / _SECOND)
 
 
-def _points_of(
-    table: Table, path: Path, columns: Mapping[str, str], used: set[str], how: Reading, time_zone: str | None
-) -> list[Point]:
-    """The points of a file; their names by ``columns`` join those that are ``used``."""
-    time = table.time_column()
+_POINT = (
+    "point", "pointname", "pointid", "name", "namepathreference", "objectname", "object", "tag", "tagname", "id", "dis",
+    "navname", "variable", "series", "signal", "metric", "trend", "trendname", "brick", "brickclass", "class",
+)  # fmt: skip
+_VALUE, _UNIT = ("value", "val", "objectvalue", "presentvalue", "pointvalue", "reading"), ("unit", "units", "uom")
+"""Headers of columns in a log that has a row for each value, as ``letters_of`` gives them."""
+
+
+def sources_of(table: Table, how: Reading, time_zone: str | None = None) -> list[Source]:
+    """A table, or each point of a table that has a row for each value, with the times of its rows."""
+    asked = (how.columns or {}).get("timestamp")
+    time = table.time_column() if asked is None else table.column(asked)
     if time is None:
         raise InputError(f"{table.name} has no column of times: call it timestamp")
-    named = _names(table, path, time, columns, used)
     with collecting(table.problems):
         stamps = read_times(table, time, how)
     table.stop_if_wrong()
     if not stamps.absolute and time_zone:
         stamps = in_zone(stamps, time_zone)
-    how = Reading(columns={}, units={n: unit for n, unit in how.units.items() if n in named}, has_command=True)
-    readings = read_columns(table, named, how, Wanted((), measured=POINTS), sparse=True)
-    table.problems += readings.complaints
+    if (columns := value_columns(table)) is None:
+        return [Source(table, stamps, {k: header for k, header in enumerate(table.header) if k != time})]
+    if not stamps.good.all():
+        table.notes.append(left_out(table, "timestamp", ~stamps.good, "row"))
+    rows: dict[str, list[int]] = {}
+    for k in np.flatnonzero(stamps.good).tolist():
+        rows.setdefault(table.rows[k][columns[0]].strip(), []).append(k)
+    table.notes.append(f"a row for each value: {counted(len(rows), 'point')} by {shown(table.header[columns[0]])}")
+    return [_source_of(table, columns, point, np.array(own), stamps) for point, own in rows.items()]
+
+
+def value_columns(table: Table) -> tuple[int, int, int | None] | None:
+    """Index of the columns of points, values and units of a log that has a row for each value; None of any other."""
+    labels = [letters_of(header) for header in table.header]
+    points, values, units = ([k for k, one in enumerate(labels) if one in known] for known in (_POINT, _VALUE, _UNIT))
+    if not points or len(values) != 1 or table.time_column() is None:
+        return None
+    # of a path and a short name that one counts which tells more points apart
+    return max(points, key=lambda k: len({row[k] for row in table.rows})), values[0], units[0] if units else None
+
+
+def _source_of(table: Table, columns: tuple[int, int, int | None], point: str, rows: Index, stamps: Stamps) -> Source:
+    """The rows of a point; their units stand in the cells of values."""
+    _, value, unit = columns
+    cells = []
+    for row in (table.rows[k] for k in rows):
+        number, brace, status = row[value].partition("{")
+        beside = row[unit].strip() if unit is not None and not is_missing(number) else ""
+        parts = number.strip(), beside if is_unit(beside) else "", brace + status
+        cells.append([" ".join(filter(None, parts))])
+    of_all = label_and_unit(table.header[value])[1]
+    header = f"{point} [{of_all}]" if of_all and not label_and_unit(point)[1] else point
+    numbers, times = [table.row_numbers[k] for k in rows], stamps.microseconds[rows]
+    cure = "give each of its rows {unit!r} in a column Unit"
+    part = Table(table.name, [header], cells, numbers, unit_cure=cure, separator=table.separator)
+    if times.size > 1 and times[0] > times[-1] and (np.diff(times) <= 0).all():
+        part.turn_round()
+        times = times[::-1]
+    return Source(part, stamps._replace(microseconds=times, good=stamps.good[rows]), {0: header})
+
+
+def points_of(sources: Sequence[Source], whole: Table, how: Reading, wanted: Wanted) -> list[Point]:
+    """The wanted points of several tables; ``whole`` gets the headers of all, and the notes."""
+    columns = [(source, k) for source in sources for k in source.headers]
+    whole.header = ["timestamp", *(source.headers[k] for source, k in columns)]
+    found = find_columns(whole, how, wanted)
+    whole.stop_if_wrong()
+    points, problems = list[Point](), list[str]()
+    for source in sources:
+        named = {name: columns[i - 1][1] for name, i in found.items() if i and columns[i - 1][0] is source}
+        with collecting(problems):
+            points += _points_in(source, named, how)
+    if problems:
+        raise InputError(problems)
+    by_name = {point.name: point for point in points}
+    values = {name: point.values for name, point in by_name.items()}
+    units = {name: point.unit for name, point in by_name.items()}
+    for name, meant in misread_units(values, units, how.units).items():
+        problems.append(
+            f"{by_name[name].file}: {name} is declared in {units[name]}, and {looks_like(meant)}: write '[{meant}]' in "
+            f"the header; if {units[name]} is right, say so: {how.unit_cure(name, units[name])}"
+        )
+    if problems:
+        raise InputError(problems)
+    return points
+
+
+def _points_in(source: Source, named: Mapping[str, int], how: Reading) -> list[Point]:
+    """The points in the ``named`` columns of a table; blanks are no mistake where ``drop`` is not offered."""
+    table, stamps = source.table, source.stamps
+    own = replace(how, columns={}, units={name: unit for name, unit in how.units.items() if name in named})
+    readings = read_columns(table, named, own, Wanted((), measured=POINTS), sparse=how.drop is None)
+    if how.drop:
+        table.notes += [left_out(table, name, lost, "value") for name, lost in readings.bad.items() if lost.any()]
+    else:
+        readings.refuse(table, how)
     table.stop_if_wrong()
     table.notes += readings.notes
     steps = np.diff(stamps.microseconds)
@@ -118,7 +166,7 @@ def _points_of(
         table.notes.append(f"{counted(double, 'row')} at the time of the next: left out")
     points = []
     for name, values in readings.known.items():
-        kept = ~double & np.isfinite(values)
+        kept = ~double & ~readings.bad[name] & np.isfinite(values)
         if not kept.any():
             raise InputError(f"{table.name}: {name} has no value")
         clock = "UTC" if stamps.absolute else stamps.time_zone
@@ -127,43 +175,27 @@ def _points_of(
     return points
 
 
-def _names(table: Table, path: Path, time: int, columns: Mapping[str, str], used: set[str]) -> dict[str, int]:
-    """Column of each point of a file, by our name."""
-    status, labels = status_columns(table), [label_and_unit(header)[0] for header in table.header]
-    others = [k for k in range(len(table.header)) if k != time and k not in status]
-    numbers = [k for k in others if any(is_datum(row[k]) for row in table.rows[:_ROWS_LOOKED_AT])]
-    named: dict[str, int] = {}
-    for name, target in columns.items():
-        file, _, header = target.partition(":")
-        of_file = header if file in (path.name, str(path), path.stem) else None  # blank: any column of the file
-        fits = [k for k in numbers if of_file == "" or {target, of_file} & {table.header[k], labels[k]}]
-        if len(fits) == 1 and name in used:
-            raise InputError(f"--column {name}={target}: it is in {path.name} and in a file before: give FILE:HEADER")
-        if len(fits) == 1:
-            named[name] = fits[0]
-            used.add(name)
-    taken = set(named.values())
-    for k in numbers:
-        if k not in taken and labels[k] in POINTS and labels[k] not in columns:
-            named.setdefault(labels[k], k)
-    if not named and len(numbers) == 1 and path.stem in POINTS:
-        named[path.stem] = numbers[0]
-    if not named:
-        headers = ", ".join(shown(table.header[k]) for k in numbers[:3]) or "no column of numbers but the time"
-        which = f"{path.name}{':HEADER' if len(numbers) > 1 else ''}"
-        raise InputError(
-            f"{path.name} has {headers}: say which point that is, with --column NAME={which}, of {', '.join(POINTS)}"
-        )
-    left = [table.header[k] for k in others if k not in named.values()]
-    if left:
-        table.notes.append(f"{counted(len(left), 'column')} left out: {', '.join(map(shown, left[:3]))}")
-    return named
+def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
+    """The wanted points of a log that has a row for each value, with our names and units, at times of their own.
 
-
-_NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)  # steps of a clock, s
-_SECOND = 1_000_000
-_MOST_CELLS = 20_000_000
-_DIGITS = 10
+    These are the times of the fastest point of regular samples; if all points are written when they change, those of
+    every value.  The others hold or run straight as in a join.
+    """
+    sources = sources_of(table, how)
+    columns = None if how.columns is None else {name: one for name, one in how.columns.items() if name not in TIMES}
+    points = points_of(sources, table, replace(how, columns=columns, drop=bool(how.drop)), wanted)
+    points.sort(key=lambda point: point.name not in wanted.measured)  # of two that are as fast one is measured
+    every = np.unique(np.concatenate([point.times for point in points]))
+    steady = [point.times for point in points if point.is_regular]
+    clock = min(steady, key=lambda times: float(np.median(np.diff(times))), default=every)
+    start, end = _span(points)
+    clock, (header, *cells), notes = _on_clock(points, clock[(clock >= start) & (clock <= end)], how.max_gap, _EXACT)
+    times = (zip(one.stamps.microseconds.tolist(), one.table.row_numbers, strict=True) for one in sources)
+    rows = dict(chain(*times))
+    alike = all(np.array_equal(point.times, points[0].times) for point in points)
+    of_points = [note for source in sources for note in source.table.notes]
+    said = list(dict.fromkeys([*table.notes, *of_points, *notes * (not alike)]))
+    return Table(table.name, header, cells, [rows[time] for time in clock.tolist()], notes=said)
 
 
 class Joined(NamedTuple):
@@ -190,19 +222,22 @@ def join_points(
 
     Parameters
     ----------
-    paths, columns, time_zone
-        As of `read_points`.
+    paths
+        The files.
+    columns
+        Our name → file, or header, or ``file:header``, for points that neither header nor file name names.
     units, time_format
         As of ``read_log``.
+    time_zone
+        Of times that have none, such as ``America/New_York``.
     step
         Of the clock [s]; the usual step of the fastest point if left out, rounded down.
     max_gap
         Longest time without a sample over which a point holds or runs straight [s]; if left out, three usual steps for
         a point of regular samples, no limit for one that is written when it changes.
     """
-    how = Reading(units=units, time_format=time_format, has_command=True)
-    points, notes = read_points(paths, columns, how, time_zone)
-    _question_units(points, units)
+    how = Reading(columns=columns, units=units, time_format=time_format, has_command=True)
+    points, notes = _of_files(paths, how, time_zone)
     points.sort(key=lambda point: list(COLUMNS).index(point.name))
     files = {point.clock: point.file for point in points}
     if len(files) > 1:
@@ -211,12 +246,97 @@ def join_points(
             f"the files have different time zones ({clocks}): export all alike, or give the zone of times without a "
             "UTC offset, such as --time-zone America/New_York"
         )
-    regular = {point.name: not may_be_of_changes(np.diff(point.times) / _SECOND) for point in points}
-    clock = _clock(points, regular, step)
-    values, good = {}, np.ones(clock.size, dtype=bool)
+    clock, lines, of_clock = _on_clock(points, _clock(points, step), max_gap, _DIGITS)
+    usual = float(np.median(np.diff(clock))) / _SECOND
+    said = [*notes, *of_clock, f"{counted(clock.size, 'row')}, {usual:.4g} s apart"]
+    return Joined("\n".join(map(",".join, lines)) + "\n", said)
+
+
+def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tuple[list[Point], list[str]]:
+    """The points of several files, and how they were read; a single column of values may have the name of its file."""
+    sources, problems, names = list[Source](), list[str](), list[set[str]]()
+    for path in paths:
+        with collecting(problems):
+            for source in sources_of(Table.read(path), how, time_zone):
+                first, headers = source.table.rows[:_ROWS_LOOKED_AT], dict(source.headers)
+                with_values = [k for k in headers if any(is_value(row[k]) for row in first)]
+                for k in with_values if len(with_values) == 1 else ():
+                    label, unit = label_and_unit(headers[k])
+                    if label not in POINTS and (path.stem in POINTS or meaning_of(label) is None):
+                        headers[k] = f"{path.stem} [{unit}]" if unit else path.stem
+                for k in headers:
+                    of_column = {source.table.header[k], label_and_unit(source.table.header[k])[0]}
+                    of_file = {str(path), path.name, path.stem} if k in with_values else set()
+                    names.append(of_column | of_file | {f"{path.name}:{one}" for one in of_column})
+                sources.append(source._replace(headers=headers))
+    every = Counter(chain(*names))
+    problems += [
+        f"--column {name}={target}: it is in {every[target]} columns, give FILE:HEADER"
+        for name, target in (how.columns or {}).items()
+        if every[target] > 1
+    ]
+    if problems:
+        raise InputError(problems)
+    joined = {name: i for i, own in enumerate(names, start=1) for name in own if every[name] == 1}
+    whole = Table("", [], [], [], joined=joined)
+    points = points_of(sources, whole, how, Wanted((), POINTS))
+    files = {point.file for point in points}
+    problems += [
+        f"{path.name} has no point that is known: say which one it is, with --column NAME={path.name} or "
+        f"NAME={path.name}:HEADER, of {', '.join(POINTS)}"
+        for path in paths
+        if path.name not in files
+    ]
+    unused = how.units.keys() - {point.name for point in points}
+    problems += [f"--unit {name}={how.units[name]}: no file has the point {name}" for name in sorted(unused)]
+    if problems:
+        raise InputError(problems)
+    return points, whole.notes + [f"{source.table.name}: {note}" for source in sources for note in source.table.notes]
+
+
+_NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)  # steps of a clock, s
+_MOST_CELLS = 20_000_000
+_DIGITS, _EXACT = 10, 17  # of a value in a file; of one that reads back to the bit
+
+
+def _clock(points: Sequence[Point], step: float | None) -> Index:
+    """The times at which all points have values, µs."""
+    if step is None:
+        usual = [np.median(np.diff(point.times)) for point in points if point.times.size > 1]
+        least = min(usual) / _SECOND if usual else 60.0
+        step = float(max((one for one in _NICE if one <= least), default=_NICE[0]))
+    every = round(step * _SECOND)
+    start, end = _span(points, every)
+    first, last = -(-start // every), end // every
+    if (last - first) * len(points) > _MOST_CELLS:
+        raise InputError(f"a clock of {step:g} s has {last - first:,} rows for {len(points)} points: raise --step")
+    return np.arange(first, last + 1, dtype=np.int64) * every
+
+
+def _span(points: Sequence[Point], step: int = 1) -> tuple[int, int]:
+    """The first and last time [µs] at which all points have values, two multiples of ``step`` [µs] apart at least."""
+    start = max(int(point.times[0]) for point in points)
+    ends = [int(point.times[-1]) for point in points if point.is_regular]
+    end = min(ends) if ends else max(int(point.times[-1]) for point in points)
+    if end // step <= -(-start // step):
+        spans = "; ".join(f"{p.name} {_shown_time(p.times[0])} to {_shown_time(p.times[-1])}" for p in points)
+        raise InputError(f"there are no two times at which all points have values ({spans}): give files of one time")
+    return start, end
+
+
+def _shown_time(time: int) -> str:
+    return str(np.datetime64(int(time), "us").astype("datetime64[s]"))
+
+
+def _on_clock(
+    points: Sequence[Point], clock: Index, max_gap: float | None, digits: int
+) -> tuple[Index, list[list[str]], list[str]]:
+    """The times of the clock at which all points have values; header and rows of their table; how they were made."""
+    values, notes, good = [], [], np.ones(clock.size, dtype=bool)
     for point in points:
-        values[point.name], has_value, note = _on_clock(point, clock, regular[point.name], max_gap)
+        series, has_value, note = _at_times(point, clock, max_gap)
         good &= has_value
+        values.append(series)
         notes.append(note)
     if good.sum() < 2:
         raise InputError(
@@ -224,74 +344,28 @@ def join_points(
         )
     if not good.all():
         notes.append(f"{counted(~good, 'row')} of {good.size:,} left out: a point has no sample within its longest gap")
-    usual = float(np.median(np.diff(clock))) / _SECOND
-    notes.append(f"{counted(good, 'row')}, {usual:.4g} s apart")
     offsets = {point.offset for point in points}
-    offset = None if points[0].clock != "UTC" else offsets.pop() if len(offsets) == 1 else 0
-    return Joined(_text(clock[good], {n: v[good] for n, v in values.items()}, offset), notes)
+    offset = offsets.pop() if len(offsets) == 1 else 0
+    zone = offset_text(offset // 60_000_000)[3:] or "+00:00" if points[0].clock == "UTC" else ""
+    header = ["timestamp", *(f"{point.name} [{COLUMNS[point.name].unit}]" for point in points)]
+    cells = [[f"{stamp.isoformat()}{zone}" for stamp in (clock[good] + offset).astype(MICROSECONDS).tolist()]]
+    cells += [[f"{value:.{digits}g}" for value in series[good].tolist()] for series in values]
+    return clock[good], [header, *map(list, zip(*cells, strict=True))], notes
 
 
-def _question_units(points: Sequence[Point], trusted: Mapping[str, str]) -> None:
-    """Refuse points whose numbers contradict the unit in their file, alone or beside each other."""
-    by_name = {point.name: point for point in points}
-    values = {name: point.values for name, point in by_name.items()}
-    found = misread_units(values, {name: point.unit for name, point in by_name.items()}, trusted)
-    if found:
-        raise InputError([
-            f"{by_name[name].file}: {name} is declared in {by_name[name].unit}, and {looks_like(meant)}: write "
-            f"'[{meant}]' in the header; if {by_name[name].unit} is right, say so: --unit {name}='{by_name[name].unit}'"
-            for name, meant in found.items()
-        ])  # fmt: skip
-
-
-def _clock(points: Sequence[Point], regular: Mapping[str, bool], step: float | None) -> Index:
-    """The times at which all points have values, µs."""
-    if step is None:
-        usual = [np.median(np.diff(point.times)) for point in points if point.times.size > 1]
-        least = min(usual) / _SECOND if usual else 60.0
-        step = float(max((one for one in _NICE if one <= least), default=_NICE[0]))
-    every = round(step * _SECOND)
-    start = max(point.times[0] for point in points)
-    ends = [point.times[-1] for point in points if regular[point.name]]
-    end = min(ends) if ends else max(point.times[-1] for point in points)
-    first, last = -(-start // every), end // every
-    if last <= first:
-        spans = "; ".join(f"{p.name} {_shown_time(p.times[0])} to {_shown_time(p.times[-1])}" for p in points)
-        raise InputError(f"there are no two times at which all points have values ({spans}): give files of one time")
-    if (last - first) * len(points) > _MOST_CELLS:
-        raise InputError(f"a clock of {step:g} s has {last - first:,} rows for {len(points)} points: raise --step")
-    return np.arange(first, last + 1, dtype=np.int64) * every
-
-
-def _on_clock(point: Point, clock: Index, regular: bool, max_gap: float | None) -> tuple[Array, Mask, str]:
+def _at_times(point: Point, clock: Index, max_gap: float | None) -> tuple[Array, Mask, str]:
     """Values of a point at the times of the clock; where it has any; and a sentence on how they were made."""
     latest = np.searchsorted(point.times, clock, side="right") - 1
     following = np.minimum(latest + 1, point.times.size - 1)
     steps = np.diff(point.times)
-    held = COLUMNS[point.name].hold or not regular
+    held = COLUMNS[point.name].hold or not point.is_regular
     limit = max_gap
-    if limit is None and regular and steps.size:
+    if limit is None and point.is_regular:
         limit = LONG_STEP * float(np.median(steps)) / _SECOND
     apart = np.where(following > latest, point.times[following] - point.times[latest], clock - point.times[latest])
-    exact = clock == point.times[latest]
-    good = exact | (apart <= (np.inf if limit is None else limit * _SECOND))
-    straight = np.interp(clock, point.times, point.values)
-    values = point.values[latest] if held else straight
+    good = (clock == point.times[latest]) | (apart <= (np.inf if limit is None else limit * _SECOND))
+    values = point.values[latest] if held else np.interp(clock, point.times, point.values)
     how = "held from sample to sample" if held else "on straight lines"
-    what = "" if regular else ", written when it changes"
+    what = "" if point.is_regular else ", written when it changes"
     longest = f"over {limit:g} s at most" if limit is not None else f"up to {steps.max(initial=0) / _SECOND:g} s"
     return values, good, f"{point.name}: {counted(point.times.size, 'sample')} of {point.file}{what}, {how} {longest}"
-
-
-def _text(clock: Index, values: Mapping[str, Array], offset: int | None) -> str:
-    """Text of the table; ``offset``: from UTC [µs], None for the times of a local clock."""
-    zone = "" if offset is None else offset_text(offset // 60_000_000)[3:] or "+00:00"
-    clock = clock + (offset or 0)
-    header = ["timestamp", *(f"{name} [{COLUMNS[name].unit}]" for name in values)]
-    cells = [[f"{stamp.isoformat()}{zone}" for stamp in clock.astype(MICROSECONDS).tolist()]]
-    cells += [[f"{value:.{_DIGITS}g}" for value in column.tolist()] for column in values.values()]
-    return "\n".join(map(",".join, [header, *map(list, zip(*cells, strict=True))])) + "\n"
-
-
-def _shown_time(time: int) -> str:
-    return str(np.datetime64(int(time), "us").astype("datetime64[s]"))

@@ -12,6 +12,7 @@ from fastcoil.base.arguments import collecting
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import Reading, Wanted, find_columns
+from fastcoil.logs.join import pivoted, value_columns
 from fastcoil.logs.pieces import longest_bridged, number_pieces, read_times
 from fastcoil.logs.readings import fill_or_cut, question_units, read_columns, refuse_supersaturation
 from fastcoil.logs.series import COLUMNS
@@ -115,11 +116,15 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     ----------
     source
         Path of a CSV file, a pandas DataFrame with the columns of one, or an ``xarray.Dataset`` along ``elapsed_time``
-        (or ``timestamp``, of datetime64) with units as attributes.
+        (or ``timestamp``, of datetime64) with units as attributes.  File and DataFrame may have a row for each value:
+        time, point, value.
     wanted, how
         The series to read, and how to read them.
     """
     table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, how.columns, COLUMNS)
+    if value_columns(table) is not None:
+        table = pivoted(table, how, wanted)
+        how = replace(how, columns=None, units={}, time_format=None)
     found = find_columns(table, how, wanted)
     stamped = "timestamp" in found
     if how.time_format is not None and not stamped:

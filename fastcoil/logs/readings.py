@@ -14,7 +14,7 @@ from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import Cells, Writing, cells_of, writing_of
-from fastcoil.logs.columns import Reading, Wanted, marked_by_status
+from fastcoil.logs.columns import Reading, Wanted
 from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
 
@@ -38,6 +38,12 @@ class Readings:
     complaints: list[str] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
 
+    def refuse(self, table: Table, how: Reading) -> None:
+        """Make problems of the complaints, with the cure that the caller offers."""
+        cure = f"; or leave such values out and count them: {how.cure('drop=True', '--drop')}"
+        last = [complaint + cure * (how.drop is False) for complaint in self.complaints[-1:]]
+        table.problems += self.complaints[:-1] + last
+
 
 def read_columns(
     table: Table, found: Mapping[str, int], how: Reading, wanted: Wanted, *, sparse: bool = False
@@ -49,7 +55,6 @@ def read_columns(
     readings = Readings()
     columns = {name: column for name, column in found.items() if name != "timestamp"}
     writing = _writing(table, columns)
-    marked = marked_by_status(table, columns)
     for name, column in columns.items():
         series = COLUMNS[name]
         cells = cells_of([row[column] for row in table.rows], writing, switch=series.is_switch)
@@ -59,10 +64,9 @@ def read_columns(
         values = series.convert(cells.values, unit)
         if series.scatters:
             values = _at_bounds(table, series, values, readings.notes)
-        by_status = marked[name] | cells.marked if name in marked else cells.marked
-        values[by_status] = np.nan
+        values[cells.marked] = np.nan
         bad = series.is_bad(values)
-        missing = cells.missing | by_status | series.is_missing_mark(cells.values)
+        missing = cells.missing | cells.marked | series.is_missing_mark(cells.values)
         readings.units[name] = unit
         off = _sensor_off(series, cells.values, values)
         wrong = bad & ~missing if sparse else bad
@@ -76,7 +80,7 @@ def read_columns(
                 readings.complaints.append(f"{said}{first}, where others are far away: sensor off")
             bad = bad & ~off if name in wanted.measured else bad | off
         elif wrong.any():
-            complaint = _complaint(table, series, column, unit, wrong, by_status, cells.values)
+            complaint = _complaint(table, series, column, unit, wrong, cells.marked, cells.values)
             impossible = wrong & ~missing & np.isfinite(values)
             if 2 * impossible.sum() > np.isfinite(values).sum():  # the unit is wrong, not some readings
                 table.problems.append(complaint)
@@ -291,23 +295,20 @@ def fill_or_cut(
     """
     known, bad = readings.known, dict(readings.bad)
     if table.problems or (readings.complaints and not how.drop):
-        if readings.complaints and how.drop is False:
-            cure = how.cure("drop=True", "--drop")
-            readings.complaints[-1] += f"; or leave such values out and count them: {cure}"
-        table.problems += readings.complaints
+        readings.refuse(table, how)
         return known, time
     for name in [n for n in wanted.measured if n in bad]:
         lost = bad.pop(name)
         known[name][lost] = np.nan
         if lost.any():
-            readings.notes.append(_left_out(table, name, lost, "value"))
+            readings.notes.append(left_out(table, name, lost, "value"))
         if lost.all():
             raise InputError(f"{table.name}: {name} has no admissible number: check its unit")
     if stamped:
         bad = {"timestamp": np.isnan(time)} | bad
     if how.drop:
         _bridge(table, readings, bad, time, wanted.measured, longest)
-    readings.notes += [_left_out(table, name, lost, "row") for name, lost in bad.items() if lost.any()]
+    readings.notes += [left_out(table, name, lost, "row") for name, lost in bad.items() if lost.any()]
     kept = ~np.any(list(bad.values()), axis=0)
     if kept.all():
         return known, time
@@ -346,6 +347,7 @@ def _bridge(
         readings.notes.append(f"{counted(filled, 'missing value')} of {name} bridged: {how} ({first})")
 
 
-def _left_out(table: Table, name: str, lost: Mask, noun: str) -> str:
+def left_out(table: Table, name: str, lost: Mask, noun: str) -> str:
+    """A note on what was left out."""
     first = first_row(table.row_numbers, lost)
     return f"{counted(lost, noun)} left out: {name} is no admissible number ({first})"

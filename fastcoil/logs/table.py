@@ -20,8 +20,8 @@ import numpy as np
 from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
-from fastcoil.logs.cells import is_datum, is_missing
-from fastcoil.logs.series import TIME, counted, is_unit
+from fastcoil.logs.cells import GOOD, is_datum, is_missing, is_value
+from fastcoil.logs.series import TIME, TIMES, counted, is_unit
 from fastcoil.logs.timestamps import is_clock, is_date, is_time
 
 if TYPE_CHECKING:
@@ -173,13 +173,23 @@ def _trimmed(row: Sequence[str]) -> Sequence[str]:
 
 _DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
 _ROWS_WITH_CLOCK = 3  # rows that are looked at
-TIME_HEADERS = (
-    "timestamp", "time", "date", "datetime", "date time", "date/time", "time stamp", "zeit", "zeitstempel", "datum",
-)  # fmt: skip
-"""Headers of a column of times, in small letters."""
-STATUS = ("status", "quality")
+_TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
+_STATUS = ("status", "quality")
 """Headers of columns that say which values of a row count."""
+_ROWS_OF_STATUS = 1000  # rows in which some status is good, or the column is none of status
 _LONGEST_LABEL = 100  # characters of a header that a message repeats
+
+
+def letters_of(header: str) -> str:
+    """The label of a header in small letters, without what separates its words: ``datetime`` of ``Date / Time``."""
+    return "".join(filter(str.isalnum, label_and_unit(header)[0].lower()))
+
+
+def is_of_times(header: str) -> bool:
+    """Whether a header says that its column has times."""
+    return letters_of(header) in _TIME_HEADERS
+
+
 _LONGEST_HEADER = 200  # longest header in which a unit without brackets is looked for, letters
 
 
@@ -273,6 +283,7 @@ class Table:
         table._check_widths()
         table.stop_if_wrong()
         table._join_clock()
+        table._merge_status()
         return table
 
     def _check_header(self) -> None:
@@ -280,7 +291,7 @@ class Table:
         self.problems += [
             f"column {shown(cell)} appears {count} times: begin the file with the header, name every column once"
             for cell, count in Counter(self.header).items()
-            if count > 1 and cell.lower() not in STATUS
+            if count > 1 and cell.lower() not in _STATUS
         ]
 
     def _check_widths(self) -> None:
@@ -316,10 +327,39 @@ class Table:
         self.joined = dict.fromkeys(names, self.header.index("timestamp"))
         self.notes.append(f"{names[0]} and {names[1]} are read as one timestamp")
 
+    def _merge_status(self) -> None:
+        """Write what columns of status say against values behind these, in braces, and leave these columns out.
+
+        One column of status is for all values of its row; of several, each is for the column on its left.
+        """
+        found = [
+            k
+            for k, header in enumerate(self.header)
+            if letters_of(header) in _STATUS
+            and any(row[k].strip().lower() in GOOD for row in self.rows[:_ROWS_OF_STATUS])
+        ]
+        others = [k for k in range(len(self.header)) if k not in found]
+        values = [
+            k for k in others if not is_of_times(self.header[k]) and label_and_unit(self.header[k])[0] not in TIMES
+        ]
+        for k in found:
+            bad = [i for i, row in enumerate(self.rows) if row[k].strip().lower() not in (*GOOD, "")]
+            for row in (self.rows[i] for i in bad):
+                for column in values if len(found) == 1 else [k - 1]:
+                    row[column] += f" {{{row[k].strip(' {}')}}}" if is_value(row[column]) else ""
+            if bad:
+                first = self.row_numbers[bad[0]]
+                said = (
+                    f"{counted(len(bad), 'row')} marked as bad by the column {self.header[k]!r} (first in row {first})"
+                )
+                self.notes.append(said)
+        for row in filter(None, (self.header, self.units, *self.rows) if found else ()):
+            row[:] = [row[k] for k in others]
+
     def stop_if_wrong(self) -> None:
         """Raise all problems found so far, if any, as one `InputError`."""
         if self.problems:
-            raise InputError([f"{self.name}: {problem}" for problem in self.problems])
+            raise InputError([f"{self.name}: {problem}" if self.name else problem for problem in self.problems])
 
     def column(self, header: str) -> int | None:
         """Index of the column with this header, given with or without its unit; None if there is none."""
@@ -331,7 +371,7 @@ class Table:
     def time_column(self) -> int | None:
         """Index of the column of times: by its header, or the first one if it has times; None if there is none."""
         for k, header in enumerate(self.header):
-            if header.strip().lower() in TIME_HEADERS:
+            if is_of_times(header):
                 return k
         return 0 if is_time(self.rows[0][0]) and not is_time(self.header[0]) else None
 
@@ -394,6 +434,7 @@ def table_of(source: Any, columns: Mapping[str, str] | None, names: Collection[s
     table = Table(kind, header, rows, list(range(len(rows))), unit_cure=cure)
     table._check_header()
     table.stop_if_wrong()
+    table._merge_status()
     return table
 
 

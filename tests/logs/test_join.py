@@ -111,7 +111,7 @@ def test_columns_of_remarks_and_status_are_no_points(point):
     text, notes = joined(path)
     _, seconds, values = table_of(text)
     np.testing.assert_allclose(values[:, 0], 0.01 * np.where(seconds // 60 == 21, 19, (seconds - 13) // 60))
-    assert "command.csv: 1 column left out: 'Trend Flags'" in notes
+    assert "left alone: 'Trend Flags'" in notes
     assert "command.csv: 1 row marked as bad by the column 'Status' (first in row 22)" in notes
 
 
@@ -126,7 +126,7 @@ def test_a_table_with_blanks_is_several_points(point, tmp_path):
     _, seconds, values = table_of(text)
     np.testing.assert_allclose(values[:, 0], 0.01 * (seconds // 180 * 3))
     np.testing.assert_allclose(values[:, 1], 14 + seconds / 3600)
-    assert "history.csv: 1 column left out: 'Zone'" in notes
+    assert "left alone: 'Zone'" in notes
 
 
 def test_each_file_has_its_own_writing_of_times(point):
@@ -187,18 +187,16 @@ def test_files_that_cannot_be_joined_are_refused_with_the_cure(point):
     seconds = 60 * np.arange(5)
     command = point("command.csv", seconds, np.arange(5), "Time,Value (%)")
     other = point("VLV-1.csv", seconds, np.arange(5), "Time,Value (%)")
-    assert "VLV-1.csv has 'Value (%)': say which point that is, with --column NAME=VLV-1.csv" in only_problem(
+    assert "VLV-1.csv has no point that is known: say which one it is, with --column NAME=VLV-1.csv" in only_problem(
         joined, command, other
     )
-    assert "command is in command.csv and command.csv: leave one out" in only_problem(joined, command, command)
+    assert "command is in two columns, 'command [%]' and 'command [%]'" in only_problem(joined, command, command)
     assert (
-        "--column has unknown 'T_supp', did you mean 'T_sup'?"
+        "columns has unknown 'T_supp', did you mean 'T_sup'?"
         in problems(joined, command, other, columns={"T_supp": "VLV-1.csv"})[0]
     )
-    assert "--column T_sup=SAT.csv: no file and no header is called so" in only_problem(
-        joined, command, columns={"T_sup": "SAT.csv"}
-    )
-    assert "it is in VLV-1.csv and in a file before: give FILE:HEADER" in only_problem(
+    assert "T_sup: there is no column 'SAT.csv'" in only_problem(joined, command, columns={"T_sup": "SAT.csv"})
+    assert "--column command=Value: it is in 2 columns, give FILE:HEADER" in only_problem(
         joined, command, other, columns={"command": "Value"}
     )
     late = point("T_sup.csv", seconds + 10_000, np.arange(5), "Time,Value (°C)")
