@@ -75,8 +75,8 @@ def diagnose(
 ) -> None:  # fmt: skip
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
-    DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, and with
-    elapsed_time or timestamp.  The backlash needs two hours or more, a row every 30 s or faster, and changes of the
+    DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, or the usual names
+    of such points, and with elapsed_time or timestamp; or with a row for each value.  The backlash needs two hours or more, a row every 30 s or faster, and changes of the
     set-point; a row every 15 min shows what each hour was like.
     Several files are days of one valve.
 

@@ -292,8 +292,8 @@ class Boundary(Samples):
         units
             Units by series, for headers without one: ``{"T_a_in": "degF"}``.
         columns
-            Headers by series, where they differ: ``{"T_a_in": "AHU1 MAT [degF]"}``.  Columns of other names are then
-            ignored.
+            Headers by series, where they differ: ``{"T_a_in": "AHU1 MAT [degF]"}``.  Columns whose names mean nothing
+            that is missing are then ignored.
         constants
             Numbers for series that the log lacks, in the units of `Boundary`; relative humidity as a fraction, dew
             point in degC.
