@@ -76,8 +76,8 @@ def diagnose(
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
     DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, or the usual names
-    of such points, and with elapsed_time or timestamp; or with a row for each value.  The backlash needs two hours or more, a row every 30 s or faster, and changes of the
-    set-point; a row every 15 min shows what each hour was like.
+    of such points, and with elapsed_time or timestamp; or with a row for each value.  The backlash needs two hours or
+    more, a row every 30 s or faster, and changes of the set-point; a row every 15 min shows what each hour was like.
     Several files are days of one valve.
 
     With --fleet, DATA are files of many valves, or folders of them; -o then names FILE.html, FILE.csv or a folder.

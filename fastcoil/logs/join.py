@@ -3,6 +3,8 @@
 Such rows have a time, the name of a point and its value, as historians write them.
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -58,6 +60,11 @@ class Point(NamedTuple):
     def is_regular(self) -> bool:
         """Whether it has samples at equal steps; others are written when they change."""
         return not may_be_of_changes(np.diff(self.times) / _SECOND)
+
+    def as_logged(self) -> Point:
+        """With values in the unit in which they were logged."""
+        scale, offset = COLUMNS[self.name].units[self.unit]
+        return self._replace(values=(self.values - offset) / scale)
 
 
 _POINT = (
@@ -121,7 +128,7 @@ def _source_of(table: Table, columns: tuple[int, int, int | None], point: str, r
 
 
 def points_of(sources: Sequence[Source], whole: Table, how: Reading, wanted: Wanted) -> list[Point]:
-    """The wanted points of several tables; ``whole`` gets the headers of all, and the notes."""
+    """The wanted points of several tables; ``whole`` gets the headers of all."""
     columns = [(source, k) for source in sources for k in source.headers]
     whole.header = ["timestamp", *(source.headers[k] for source, k in columns)]
     found = find_columns(whole, how, wanted)
@@ -131,16 +138,6 @@ def points_of(sources: Sequence[Source], whole: Table, how: Reading, wanted: Wan
         named = {name: columns[i - 1][1] for name, i in found.items() if i and columns[i - 1][0] is source}
         with collecting(problems):
             points += _points_in(source, named, how)
-    if problems:
-        raise InputError(problems)
-    by_name = {point.name: point for point in points}
-    values = {name: point.values for name, point in by_name.items()}
-    units = {name: point.unit for name, point in by_name.items()}
-    for name, meant in misread_units(values, units, how.units).items():
-        problems.append(
-            f"{by_name[name].file}: {name} is declared in {units[name]}, and {looks_like(meant)}: write '[{meant}]' in "
-            f"the header; if {units[name]} is right, say so: {how.unit_cure(name, units[name])}"
-        )
     if problems:
         raise InputError(problems)
     return points
@@ -176,7 +173,7 @@ def _points_in(source: Source, named: Mapping[str, int], how: Reading) -> list[P
 
 
 def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
-    """The wanted points of a log that has a row for each value, with our names and units, at times of their own.
+    """The wanted points of a log that has a row for each value, with our names, at times of their own.
 
     These are the times of the fastest point of regular samples; if all points are written when they change, those of
     every value.  The others hold or run straight as in a join.
@@ -184,6 +181,7 @@ def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
     sources = sources_of(table, how)
     columns = None if how.columns is None else {name: one for name, one in how.columns.items() if name not in TIMES}
     points = points_of(sources, table, replace(how, columns=columns, drop=bool(how.drop)), wanted)
+    points = [point.as_logged() for point in points]
     points.sort(key=lambda point: point.name not in wanted.measured)  # of two that are as fast one is measured
     every = np.unique(np.concatenate([point.times for point in points]))
     steady = [point.times for point in points if point.is_regular]
@@ -238,6 +236,8 @@ def join_points(
     """
     how = Reading(columns=columns, units=units, time_format=time_format, has_command=True)
     points, notes = _of_files(paths, how, time_zone)
+    _question_units(points, how)
+    points = [point._replace(unit=COLUMNS[point.name].unit) for point in points]
     points.sort(key=lambda point: list(COLUMNS).index(point.name))
     files = {point.clock: point.file for point in points}
     if len(files) > 1:
@@ -250,6 +250,19 @@ def join_points(
     usual = float(np.median(np.diff(clock))) / _SECOND
     said = [*notes, *of_clock, f"{counted(clock.size, 'row')}, {usual:.4g} s apart"]
     return Joined("\n".join(map(",".join, lines)) + "\n", said)
+
+
+def _question_units(points: Sequence[Point], how: Reading) -> None:
+    """Refuse points whose numbers contradict the unit in their file, alone or beside each other."""
+    known = {point.name: point for point in points}
+    units = {point.name: point.unit for point in points}
+    found = misread_units({point.name: point.values for point in points}, units, how.units)
+    if found:
+        raise InputError([
+            f"{known[name].file}: {name} is declared in {units[name]}, and {looks_like(meant)}: write '[{meant}]' in "
+            f"the header; if {units[name]} is right, say so: {how.unit_cure(name, units[name])}"
+            for name, meant in found.items()
+        ])  # fmt: skip
 
 
 def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tuple[list[Point], list[str]]:
@@ -347,7 +360,7 @@ def _on_clock(
     offsets = {point.offset for point in points}
     offset = offsets.pop() if len(offsets) == 1 else 0
     zone = offset_text(offset // 60_000_000)[3:] or "+00:00" if points[0].clock == "UTC" else ""
-    header = ["timestamp", *(f"{point.name} [{COLUMNS[point.name].unit}]" for point in points)]
+    header = ["timestamp", *(f"{point.name} [{point.unit}]" for point in points)]
     cells = [[f"{stamp.isoformat()}{zone}" for stamp in (clock[good] + offset).astype(MICROSECONDS).tolist()]]
     cells += [[f"{value:.{digits}g}" for value in series[good].tolist()] for series in values]
     return clock[good], [header, *map(list, zip(*cells, strict=True))], notes
