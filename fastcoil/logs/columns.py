@@ -11,7 +11,7 @@ from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_num
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.logs.names import meaning_of
 from fastcoil.logs.series import COLUMNS, TIMES
-from fastcoil.logs.table import Table, is_of_times, label_and_unit
+from fastcoil.logs.table import TIME_HEADERS, Table, label_and_unit, letters_of
 from fastcoil.logs.timestamps import is_time, time_format_of
 from fastcoil.model.parameter_table import Parameter
 
@@ -140,7 +140,7 @@ def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
     table.check_names("units", how.units, [name for name in names if name != "timestamp"])
     table.check_names("constants", constants, wanted.names)
     table.problems += _bad_constants(constants)
-    found, asked_about = _find_headers(table, how, names, wanted)
+    found, may_be = _find_headers(table, how, names, wanted)
     for one in [*wanted.needed, *wanted.optional, TIMES]:
         choices = (one,) if isinstance(one, str) else one
         standing_in = [f"constant {n}" for n in choices if n in constants]
@@ -152,8 +152,13 @@ def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
         elif len(given) > 1:
             which = "" if standing_in else f", or say which to read: {how.column_cure(given[0])}"
             table.problems.append(f"{' and '.join(given)} are both given: leave one out{which}")
-        elif not given and not preferred and one not in wanted.optional and not asked_about & {*choices}:
-            table.problems.append(_missing(choices, how))
+        elif not given and not preferred:
+            fits = may_be.get(choices[0], [])
+            if len(fits) > 1:
+                which = f"{' or '.join(map(shown, fits[:_MOST_NAMED]))}: say which to read"
+                table.problems.append(f"{choices[0]} may be {which}: {how.column_cure(choices[0], fits[0])}")
+            elif one not in wanted.optional:
+                table.problems.append(_missing(choices, how, *fits))
     found = {name: column for name, column in found.items() if name in (*wanted.names, *TIMES, "batch")}
     table.problems += [
         f"{one} and {other} are both read from the column {shown(table.header[found[one]])}: give each its own"
@@ -174,11 +179,13 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
     return {name: column for name, column in found.items() if column is not None}
 
 
-def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) -> tuple[dict[str, int], set[str]]:
+def _find_headers(
+    table: Table, how: Reading, names: list[str], wanted: Wanted
+) -> tuple[dict[str, int], dict[str, list[str]]]:
     """Index of each of our ``names`` in the header, where the caller says, or by what the headers mean.
 
     Other columns are problems, unless the caller says what to read or the meaning of some is known, and so are two
-    columns of a wanted name.  Beside it the names that were asked about.
+    columns of a wanted name.  Beside it, by name, headers that may mean it.
     """
     unknown = []
     found = asked_columns(table, how.columns or {})
@@ -186,20 +193,20 @@ def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) 
     time = table.time_column() if not {*TIMES} & {*labels, *found} else None
     if time is not None and (labels[time].lower() == "timestamp" or is_time(table.rows[0][time])):
         found["timestamp"] = time
-        if not is_of_times(table.header[time]):
+        if letters_of(table.header[time]) not in TIME_HEADERS:
             table.notes.append(f"the times are in the column {shown(table.header[time])}")
     asked = set(how.columns or {})
     for column, cell in enumerate(table.header):
         label = labels[column]
         if label in names and label in found and label not in asked and label in (*wanted.names, *TIMES):
             both = f"{shown(table.header[found[label]])} and {shown(cell)}"
-            cure = how.column_cure(label, cell)
-            table.problems.append(f"{label} is in two columns, {both}: delete one, or say which to read: {cure}")
+            which = f"delete one, or say which to read: {how.column_cure(label, cell)}"
+            table.problems.append(f"{label} is in two columns, {both}: {which}")
         elif label in names:
             found.setdefault(label, column)
         elif column not in found.values():
             unknown.append(column)
-    guessed, asked_about = _guess(table, how, wanted, found, unknown)
+    guessed, may_be = _guess(table, how, wanted, found, unknown)
     left = [table.header[k] for k in unknown if k not in guessed.values()]
     more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
     if left and how.columns is None and not guessed:
@@ -213,52 +220,42 @@ def _find_headers(table: Table, how: Reading, names: list[str], wanted: Wanted) 
         )
     elif left and (guessed or not how.columns):
         table.notes.append(f"left alone: {'; '.join(map(shown, left[:_MOST_NAMED]))}{more}")
-    return found | guessed, asked_about
+    return found | guessed, may_be
 
 
 def _guess(
     table: Table, how: Reading, wanted: Wanted, found: Mapping[str, int], unknown: Sequence[int]
-) -> tuple[dict[str, int], set[str]]:
-    """The ``unknown`` columns that mean wanted series which are not ``found``, and names that were asked about instead.
+) -> tuple[dict[str, int], dict[str, list[str]]]:
+    """The ``unknown`` columns that mean wanted series which are not ``found``, which is said; else what may mean them.
 
-    All are of one plant, as far as their headers say.  What is read is said; several that fit are a problem.
+    All are of one plant, as far as their headers say.
     """
     meanings = {k: meaning for k in [*unknown, *found.values()] if (meaning := meaning_of(table.header[k]))}
     place = next((meanings[k].place for k in found.values() if k in meanings), frozenset[str]())
     guessed: dict[str, int] = {}
-    asked_about = set()
-    for name in wanted.names:
+    may_be: dict[str, list[str]] = {}
+    for name in [name for name in wanted.names if name not in found and name not in (how.constants or {})]:
         fits = [k for k in unknown if k in meanings and meanings[k].name == name]
-        clear = [k for k in fits if not meanings[k].doubt and meanings[k].is_beside(place)]
-        if not fits or name in found or name in (how.constants or {}):
-            continue
+        clear = [k for k in fits if meanings[k].is_clear and (meanings[k].place <= place or place <= meanings[k].place)]
         if len(clear) == 1:
             guessed[name] = clear[0]
             place |= meanings[clear[0]].place
-            continue
-        asked_about.add(name)
-        first, *others = (shown(table.header[k]) for k in clear or fits)
-        cure = f"say which to read: {how.column_cure(name, table.header[(clear or fits)[0]])}"
-        if clear:
-            more = f" ({len(clear)} columns)" if len(others) >= _MOST_NAMED else ""
-            table.problems.append(f"{name} may be {' or '.join([first, *others[: _MOST_NAMED - 1]])}{more}: {cure}")
         else:
-            doubt = meanings[fits[0]].doubt or "by its name it is of another plant than the others"
-            said = table.notes if name in wanted.optional else table.problems
-            said.append(f"{name} is missing: {first} may be it, but {doubt}: {cure}")
+            may_be[name] = [table.header[k] for k in clear or fits[:1]]
     if guessed:
         table.notes.append(", ".join(f"{shown(table.header[k])} is read as {name}" for name, k in guessed.items()))
-    return guessed, asked_about
+    return guessed, may_be
 
 
-def _missing(choices: tuple[str, ...], how: Reading) -> str:
+def _missing(choices: tuple[str, ...], how: Reading, header: str = "") -> str:
     """A sentence that none of these columns exists, with every way to give one."""
     name, unit = choices[0], COLUMNS[choices[0]].unit
-    cure = f"add a column '{name} [{unit}]', or say which one it is: {how.column_cure(name)}"
+    cure = f"add a column '{name} [{unit}]', or say which one it is: {how.column_cure(name, *filter(None, [header]))}"
     if how.constants is not None and name not in (*TIMES, *_OUTPUTS):
         constant = how.cure(f"constants={{{name!r}: NUMBER}}", f"--constant {name}=NUMBER")
         cure += f"; or give a constant: {constant}"
-    return f"{' or '.join(choices)} is missing: {cure}"
+    unclear = f"{shown(header)} is not clearly it: " if header else ""
+    return f"{' or '.join(choices)} is missing: {unclear}{cure}"
 
 
 def _bad_constants(constants: Mapping[str, float]) -> list[str]:

@@ -3,8 +3,6 @@
 Such rows have a time, the name of a point and its value, as historians write them.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,21 +22,21 @@ from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
 from fastcoil.logs.plausibility import looks_like, misread_units
 from fastcoil.logs.readings import left_out, read_columns
 from fastcoil.logs.series import COLUMNS, TIMES, counted, is_unit
-from fastcoil.logs.table import Table, label_and_unit, letters_of
+from fastcoil.logs.table import TURNED, Table, label_and_unit, letters_of
 from fastcoil.logs.timestamps import MICROSECONDS, Stamps, in_zone, offset_text
 
-POINTS = [name for name in COLUMNS if name not in ("elapsed_time", "batch")]
+_NO_POINTS = ("elapsed_time", "batch")
+POINTS = [name for name in COLUMNS if name not in _NO_POINTS]
 """What a point may be."""
 _ROWS_LOOKED_AT = 1000  # A column without a value in them is one of remarks
 _SECOND = 1_000_000
 
 
 class Source(NamedTuple):
-    """A table whose columns may be points, the times of its rows, and the header of each such column, by its index."""
+    """A table of one column, which may be a point, and the times of its rows."""
 
     table: Table
     stamps: Stamps
-    headers: Mapping[int, str]
 
 
 class Point(NamedTuple):
@@ -61,11 +59,6 @@ class Point(NamedTuple):
         """Whether it has samples at equal steps; others are written when they change."""
         return not may_be_of_changes(np.diff(self.times) / _SECOND)
 
-    def as_logged(self) -> Point:
-        """With values in the unit in which they were logged."""
-        scale, offset = COLUMNS[self.name].units[self.unit]
-        return self._replace(values=(self.values - offset) / scale)
-
 
 _POINT = (
     "point", "pointname", "pointid", "name", "namepathreference", "objectname", "object", "tag", "tagname", "id", "dis",
@@ -87,14 +80,38 @@ def sources_of(table: Table, how: Reading, time_zone: str | None = None) -> list
     if not stamps.absolute and time_zone:
         stamps = in_zone(stamps, time_zone)
     if (columns := value_columns(table)) is None:
-        return [Source(table, stamps, {k: header for k, header in enumerate(table.header) if k != time})]
+        named = {k: header for k, header in enumerate(table.header) if label_and_unit(header)[0] not in _NO_POINTS}
+        return [Source(_column(table, k, header), stamps) for k, header in named.items() if k != time]
     if not stamps.good.all():
         table.notes.append(left_out(table, "timestamp", ~stamps.good, "row"))
+    point, value, unit = columns
     rows: dict[str, list[int]] = {}
     for k in np.flatnonzero(stamps.good).tolist():
-        rows.setdefault(table.rows[k][columns[0]].strip(), []).append(k)
-    table.notes.append(f"a row for each value: {counted(len(rows), 'point')} by {shown(table.header[columns[0]])}")
-    return [_source_of(table, columns, point, np.array(own), stamps) for point, own in rows.items()]
+        row = table.rows[k]
+        rows.setdefault(row[point].strip(), []).append(k)
+        number, brace, status = row[value].partition("{")
+        beside = row[unit].strip() if unit is not None and not is_missing(number) and is_unit(row[unit].strip()) else ""
+        row[value] = " ".join(filter(None, (number.strip(), beside, brace + status)))
+    table.notes.append(f"a row for each value: {counted(len(rows), 'point')} by {shown(table.header[point])}")
+    of_all = label_and_unit(table.header[value])[1]
+    sources = []
+    for name, own in rows.items():
+        if stamps.microseconds[own[0]] > stamps.microseconds[own[-1]]:
+            own.reverse()
+            table.notes.append(TURNED)
+        header = f"{name} [{of_all}]" if of_all and not label_and_unit(name)[1] else name
+        column = _column(table, value, header, own)
+        column.unit_cure = "give each of its rows {unit!r} in a column Unit"
+        sources.append(Source(column, stamps._replace(microseconds=stamps.microseconds[own], good=stamps.good[own])))
+    return sources
+
+
+def _column(table: Table, column: int, header: str, rows: Sequence[int] | None = None) -> Table:
+    """One column of some rows, or of all, whose notes are those of the table."""
+    own = range(len(table.rows)) if rows is None else rows
+    cells, numbers = [[table.rows[k][column]] for k in own], [table.row_numbers[k] for k in own]
+    units = table.units and [table.units[column]]
+    return replace(table, header=[header], rows=cells, row_numbers=numbers, units=units, problems=[])
 
 
 def value_columns(table: Table) -> tuple[int, int, int | None] | None:
@@ -107,51 +124,29 @@ def value_columns(table: Table) -> tuple[int, int, int | None] | None:
     return max(points, key=lambda k: len({row[k] for row in table.rows})), values[0], units[0] if units else None
 
 
-def _source_of(table: Table, columns: tuple[int, int, int | None], point: str, rows: Index, stamps: Stamps) -> Source:
-    """The rows of a point; their units stand in the cells of values."""
-    _, value, unit = columns
-    cells = []
-    for row in (table.rows[k] for k in rows):
-        number, brace, status = row[value].partition("{")
-        beside = row[unit].strip() if unit is not None and not is_missing(number) else ""
-        parts = number.strip(), beside if is_unit(beside) else "", brace + status
-        cells.append([" ".join(filter(None, parts))])
-    of_all = label_and_unit(table.header[value])[1]
-    header = f"{point} [{of_all}]" if of_all and not label_and_unit(point)[1] else point
-    numbers, times = [table.row_numbers[k] for k in rows], stamps.microseconds[rows]
-    cure = "give each of its rows {unit!r} in a column Unit"
-    part = Table(table.name, [header], cells, numbers, unit_cure=cure, separator=table.separator)
-    if times.size > 1 and times[0] > times[-1] and (np.diff(times) <= 0).all():
-        part.turn_round()
-        times = times[::-1]
-    return Source(part, stamps._replace(microseconds=times, good=stamps.good[rows]), {0: header})
-
-
 def points_of(sources: Sequence[Source], whole: Table, how: Reading, wanted: Wanted) -> list[Point]:
-    """The wanted points of several tables; ``whole`` gets the headers of all."""
-    columns = [(source, k) for source in sources for k in source.headers]
-    whole.header = ["timestamp", *(source.headers[k] for source, k in columns)]
+    """The wanted points among several columns; ``whole`` gets the headers of all."""
+    whole.header = ["timestamp", *(source.table.header[0] for source in sources)]
     found = find_columns(whole, how, wanted)
     whole.stop_if_wrong()
     points, problems = list[Point](), list[str]()
-    for source in sources:
-        named = {name: columns[i - 1][1] for name, i in found.items() if i and columns[i - 1][0] is source}
+    for name, column in sorted(found.items(), key=lambda one: one[1]):
         with collecting(problems):
-            points += _points_in(source, named, how)
+            points += [_point_in(sources[column - 1], name, how)] if column else []
     if problems:
         raise InputError(problems)
     return points
 
 
-def _points_in(source: Source, named: Mapping[str, int], how: Reading) -> list[Point]:
-    """The points in the ``named`` columns of a table; blanks are no mistake where ``drop`` is not offered."""
+def _point_in(source: Source, name: str, how: Reading) -> Point:
+    """The point in a column; blanks are no mistake where ``drop`` is not offered."""
     table, stamps = source.table, source.stamps
-    own = replace(how, columns={}, units={name: unit for name, unit in how.units.items() if name in named})
-    readings = read_columns(table, named, own, Wanted((), measured=POINTS), sparse=how.drop is None)
-    if how.drop:
-        table.notes += [left_out(table, name, lost, "value") for name, lost in readings.bad.items() if lost.any()]
-    else:
+    own = replace(how, columns={}, units={one: unit for one, unit in how.units.items() if one == name})
+    readings = read_columns(table, {name: 0}, own, Wanted((), measured=POINTS), sparse=how.drop is None)
+    if not how.drop:
         readings.refuse(table, how)
+    elif readings.bad[name].any():
+        table.notes.append(left_out(table, name, readings.bad[name], "value"))
     table.stop_if_wrong()
     table.notes += readings.notes
     steps = np.diff(stamps.microseconds)
@@ -161,15 +156,13 @@ def _points_in(source: Source, named: Mapping[str, int], how: Reading) -> list[P
     double = np.append(steps == 0, False)
     if double.any():
         table.notes.append(f"{counted(double, 'row')} at the time of the next: left out")
-    points = []
-    for name, values in readings.known.items():
-        kept = ~double & ~readings.bad[name] & np.isfinite(values)
-        if not kept.any():
-            raise InputError(f"{table.name}: {name} has no value")
-        clock = "UTC" if stamps.absolute else stamps.time_zone
-        times, unit = stamps.microseconds[kept], readings.units[name]
-        points.append(Point(name, times, values[kept], unit, clock, stamps.offset, table.name))
-    return points
+    values = readings.known[name]
+    kept = ~double & ~readings.bad[name] & np.isfinite(values)
+    if not kept.any():
+        raise InputError(f"{table.name}: {name} has no value")
+    clock = "UTC" if stamps.absolute else stamps.time_zone
+    times, unit = stamps.microseconds[kept], readings.units[name]
+    return Point(name, times, values[kept], unit, clock, stamps.offset, table.name)
 
 
 def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
@@ -181,18 +174,18 @@ def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
     sources = sources_of(table, how)
     columns = None if how.columns is None else {name: one for name, one in how.columns.items() if name not in TIMES}
     points = points_of(sources, table, replace(how, columns=columns, drop=bool(how.drop)), wanted)
-    points = [point.as_logged() for point in points]
+    for k, point in enumerate(points):
+        scale, offset = COLUMNS[point.name].units[point.unit]
+        points[k] = point._replace(values=(point.values - offset) / scale)  # as they were logged
     points.sort(key=lambda point: point.name not in wanted.measured)  # of two that are as fast one is measured
     every = np.unique(np.concatenate([point.times for point in points]))
     steady = [point.times for point in points if point.is_regular]
     clock = min(steady, key=lambda times: float(np.median(np.diff(times))), default=every)
     start, end = _span(points)
     clock, (header, *cells), notes = _on_clock(points, clock[(clock >= start) & (clock <= end)], how.max_gap, _EXACT)
-    times = (zip(one.stamps.microseconds.tolist(), one.table.row_numbers, strict=True) for one in sources)
-    rows = dict(chain(*times))
+    rows = dict(chain(*(zip(one.stamps.microseconds.tolist(), one.table.row_numbers, strict=True) for one in sources)))
     alike = all(np.array_equal(point.times, points[0].times) for point in points)
-    of_points = [note for source in sources for note in source.table.notes]
-    said = list(dict.fromkeys([*table.notes, *of_points, *notes * (not alike)]))
+    said = list(dict.fromkeys([*table.notes, *notes * (not alike)]))
     return Table(table.name, header, cells, [rows[time] for time in clock.tolist()], notes=said)
 
 
@@ -218,21 +211,10 @@ def join_points(
     Points that are written when they change hold until the next change, and so do commands, set-points and switches;
     others run straight between samples.  The clock runs while all points have values.
 
-    Parameters
-    ----------
-    paths
-        The files.
-    columns
-        Our name → file, or header, or ``file:header``, for points that neither header nor file name names.
-    units, time_format
-        As of ``read_log``.
-    time_zone
-        Of times that have none, such as ``America/New_York``.
-    step
-        Of the clock [s]; the usual step of the fastest point if left out, rounded down.
-    max_gap
-        Longest time without a sample over which a point holds or runs straight [s]; if left out, three usual steps for
-        a point of regular samples, no limit for one that is written when it changes.
+    columns: our name → file, or header, or ``file:header``, for points that neither header nor file name names.
+    time_zone: of times that have none.  step: of the clock [s]; the usual step of the fastest point, rounded down, if
+    left out.  max_gap: longest time without a sample over which a point holds or runs straight [s]; if left out, three
+    usual steps for a point of regular samples, no limit for one that is written when it changes.
     """
     how = Reading(columns=columns, units=units, time_format=time_format, has_command=True)
     points, notes = _of_files(paths, how, time_zone)
@@ -254,57 +236,54 @@ def join_points(
 
 def _question_units(points: Sequence[Point], how: Reading) -> None:
     """Refuse points whose numbers contradict the unit in their file, alone or beside each other."""
-    known = {point.name: point for point in points}
-    units = {point.name: point.unit for point in points}
-    found = misread_units({point.name: point.values for point in points}, units, how.units)
-    if found:
-        raise InputError([
-            f"{known[name].file}: {name} is declared in {units[name]}, and {looks_like(meant)}: write '[{meant}]' in "
-            f"the header; if {units[name]} is right, say so: {how.unit_cure(name, units[name])}"
-            for name, meant in found.items()
-        ])  # fmt: skip
+    values, units = {one.name: one.values for one in points}, {one.name: one.unit for one in points}
+    found = misread_units(values, units, how.units)
+    problems = [
+        f"{one.file}: {one.name} is declared in {one.unit}, and {looks_like(found[one.name])}: write "
+        f"'[{found[one.name]}]' in the header; if {one.unit} is right, say so: {how.unit_cure(one.name, one.unit)}"
+        for one in points
+        if one.name in found
+    ]
+    if problems:
+        raise InputError(problems)
 
 
 def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tuple[list[Point], list[str]]:
     """The points of several files, and how they were read; a single column of values may have the name of its file."""
-    sources, problems, names = list[Source](), list[str](), list[set[str]]()
+    sources, problems, names, notes = list[Source](), list[str](), list[set[str]](), list[list[str]]()
     for path in paths:
         with collecting(problems):
-            for source in sources_of(Table.read(path), how, time_zone):
-                first, headers = source.table.rows[:_ROWS_LOOKED_AT], dict(source.headers)
-                with_values = [k for k in headers if any(is_value(row[k]) for row in first)]
-                for k in with_values if len(with_values) == 1 else ():
-                    label, unit = label_and_unit(headers[k])
-                    if label not in POINTS and (path.stem in POINTS or meaning_of(label) is None):
-                        headers[k] = f"{path.stem} [{unit}]" if unit else path.stem
-                for k in headers:
-                    of_column = {source.table.header[k], label_and_unit(source.table.header[k])[0]}
-                    of_file = {str(path), path.name, path.stem} if k in with_values else set()
-                    names.append(of_column | of_file | {f"{path.name}:{one}" for one in of_column})
-                sources.append(source._replace(headers=headers))
+            table = Table.read(path)
+            own = sources_of(table, how, time_zone)
+            has_values = [any(is_value(row[0]) for row in one.table.rows[:_ROWS_LOOKED_AT]) for one in own]
+            for column, has in zip((one.table for one in own), has_values, strict=True):
+                label, unit = label_and_unit(column.header[0])
+                of_column = {column.header[0], label}
+                of_file = {str(path), path.name, path.stem} if has else set()
+                names.append(of_column | of_file | {f"{path.name}:{one}" for one in of_column})
+                is_named = label in POINTS or (path.stem not in POINTS and meaning_of(label) is not None)
+                if has and sum(has_values) == 1 and not is_named:
+                    column.header = [f"{path.stem} [{unit}]" if unit else path.stem]
+            sources += own
+            notes.append(table.notes)
     every = Counter(chain(*names))
-    problems += [
-        f"--column {name}={target}: it is in {every[target]} columns, give FILE:HEADER"
-        for name, target in (how.columns or {}).items()
-        if every[target] > 1
-    ]
+    for name, target in (how.columns or {}).items():
+        if every[target] > 1:
+            problems.append(f"--column {name}={target}: it is in {every[target]} columns, give FILE:HEADER")
     if problems:
         raise InputError(problems)
     joined = {name: i for i, own in enumerate(names, start=1) for name in own if every[name] == 1}
     whole = Table("", [], [], [], joined=joined)
     points = points_of(sources, whole, how, Wanted((), POINTS))
-    files = {point.file for point in points}
-    problems += [
-        f"{path.name} has no point that is known: say which one it is, with --column NAME={path.name} or "
-        f"NAME={path.name}:HEADER, of {', '.join(POINTS)}"
-        for path in paths
-        if path.name not in files
-    ]
+    which = f"say which one it is, with --column NAME=FILE or NAME=FILE:HEADER, of {', '.join(POINTS)}"
+    idle = {path.name for path in paths} - {point.file for point in points}
+    problems += [f"{name} has no point that is known: {which}" for name in sorted(idle)]
     unused = how.units.keys() - {point.name for point in points}
     problems += [f"--unit {name}={how.units[name]}: no file has the point {name}" for name in sorted(unused)]
     if problems:
         raise InputError(problems)
-    return points, whole.notes + [f"{source.table.name}: {note}" for source in sources for note in source.table.notes]
+    of_files = [f"{path.name}: {note}" for path, said in zip(paths, notes, strict=True) for note in dict.fromkeys(said)]
+    return points, whole.notes + of_files
 
 
 _NICE = (1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600, 900, 1800, 3600)  # steps of a clock, s

@@ -110,16 +110,11 @@ class Log:
 
 
 def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
-    """Read a log and check every number.
+    """Read the ``wanted`` series of a log and check every number.
 
-    Parameters
-    ----------
-    source
-        Path of a CSV file, a pandas DataFrame with the columns of one, or an ``xarray.Dataset`` along ``elapsed_time``
-        (or ``timestamp``, of datetime64) with units as attributes.  File and DataFrame may have a row for each value:
-        time, point, value.
-    wanted, how
-        The series to read, and how to read them.
+    source: path of a CSV file, or a pandas DataFrame with the columns of one, both perhaps with a row for each value
+    (time, point, value); or an ``xarray.Dataset`` along ``elapsed_time`` (or ``timestamp``, of datetime64) with units
+    as attributes.
     """
     table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, how.columns, COLUMNS)
     if value_columns(table) is not None:
@@ -138,16 +133,14 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     question_units(table, readings, found, how)
     refuse_supersaturation(table, readings, how.constants or {})
     known = readings.known
-    time = stamps.since_first() if stamps else known.get("elapsed_time", np.zeros(0))
-    if time.size:
-        known, time = fill_or_cut(
-            table, readings, time, how, wanted, longest_bridged(time, how.max_gap), stamped=stamped
-        )
-        known.pop("elapsed_time", None)
-    else:
+    if stamps is None and "elapsed_time" not in known:  # there is a problem of either
         table.problems += readings.complaints
+        table.stop_if_wrong()
+    time = stamps.since_first() if stamps else known["elapsed_time"]
+    known, time = fill_or_cut(table, readings, time, how, wanted, longest_bridged(time, how.max_gap), stamped=stamped)
+    known.pop("elapsed_time", None)
     batch, of_changes = np.zeros(0, dtype=np.int64), False
-    if time.size and np.isfinite(time).all():
+    if np.isfinite(time).all():
         batch, of_changes = number_pieces(table, time, known, how, readings.notes, stamped=stamped)
     table.stop_if_wrong()
     start, zone = stamps.first() if stamps else (None, "")

@@ -65,41 +65,31 @@ _RULES = [
 _ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b", re.IGNORECASE)  # of a BACnet object
 _SET_POINT = re.compile(r"set[-_ ]*point", re.IGNORECASE)
 _WORD = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
-_LONGEST = 200  # letters of a header
 
 
 class Meaning(NamedTuple):
-    """What a header means.
-
-    name: of the series.  place: words that say of which plant.  doubt: what speaks against it; else blank.
-    """
+    """The series that a header means, words that say of which plant, and whether nothing speaks against it."""
 
     name: str
     place: frozenset[str]
-    doubt: str
-
-    def is_beside(self, place: frozenset[str]) -> bool:
-        """Whether it can be of the same plant as headers with these words."""
-        return self.place <= place or place <= self.place
+    is_clear: bool
 
 
 def meaning_of(header: str) -> Meaning | None:
     """What a header means; None where it means no series, or nothing that is known."""
     label, unit = label_and_unit(header)
-    if len(label) > _LONGEST:
-        return None
     written = [word.lower() for word in _WORD.findall(_SET_POINT.sub("setpoint", _ADDRESS.sub(" ", label)))]
     written += ["cfm"] * (unit is not None and unit.lower() == "cfm")
     known = [_WORDS.get(word) for word in written]
     words = {one for meant in known for one in meant or ()} - {"place"}
     place = frozenset(word for word, meant in zip(written, known, strict=True) if meant in (None, ["place"]))
     first = next((k for k, meant in enumerate(known) if meant not in (None, ["place"])), 0)
-    unclear = [word for word, meant in zip(written, known, strict=True) if meant is None and not word.isdigit()]
-    doubt = next((f"{word!r} in its name is not understood" for word in unclear if word in written[first:]), "")
+    is_clear = all(
+        word.isdigit() or meant is not None for word, meant in zip(written[first:], known[first:], strict=True)
+    )
     for name, needed, allowed in _RULES:
         rest = words - {*needed.split()}
         if len(words) - len(rest) == len(needed.split()) and rest <= {*allowed.split(), "position"}:
-            if "position" in rest and "position" not in allowed:
-                doubt = "it is what a sensor feeds back"
-            return Meaning(name, place, doubt) if unit is None or COLUMNS[name].is_same_unit(unit, unit) else None
+            is_clear &= rest <= {*allowed.split()}  # a position that is fed back is no command
+            return Meaning(name, place, is_clear) if unit is None or COLUMNS[name].is_same_unit(unit, unit) else None
     return None

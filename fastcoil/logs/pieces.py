@@ -39,16 +39,9 @@ def at_seconds(
 ) -> dict[str, Array]:
     """Each series at the ``seconds`` asked for, (n_seconds,), within the log.
 
-    Parameters
-    ----------
-    time, values
-        Time of the samples [s], ascending, and their values by name, each (n,).
-    seconds
-        Where to take them [s].
-    hold
-        Names of the series that hold until the next sample; the others run straight.
-    slack
-        A sample up to this much late still counts for its second [s]: for times with round-off.
+    time, values: of the samples [s], ascending, and their values by name, each (n,).  hold: names of the series that
+    hold until the next sample; the others run straight.  slack: by which a sample may be late for its second, with
+    round-off [s].
     """
     latest = np.searchsorted(time, seconds + slack, side="right") - 1
     return {
@@ -71,12 +64,7 @@ _USUAL, _LONGER = 0.95, 10.0  # A step so many times longer than this share of a
 def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
     """Longest step that is no gap [s], if this is a log of changes; else None.
 
-    Parameters
-    ----------
-    time, values
-        Time of the rows [s] and the series by name, each (n,).
-    within
-        Where two rows follow each other in time, (n - 1,).
+    time, values: of the rows [s], and the series by name, each (n,).  within: where a row follows another, (n - 1,).
     """
     steps = np.diff(time)[within]
     if steps.size < _FEWEST:

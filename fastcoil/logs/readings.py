@@ -227,10 +227,9 @@ def _suspect_signal(series: Series, numbers: Array, unit: str, how: Reading, not
     """Say so where a command looks like a signal in V or mA, or one whose lowest value is the closed valve."""
     meant, _ = plausibility.signal_of(numbers, unit)
     if meant:
-        cure = how.cure(f"units={{{series.name!r}: {meant!r}}}", f"--unit {series.name}={meant!r}")
         notes.append(
             f"{series.name} is from {numbers.min():.3g} to {numbers.max():.3g}, read in {unit}: if it is a signal in "
-            f"{meant}, write '[{meant}]' in the header, or {cure}"
+            f"{meant}, write '[{meant}]' in the header, or {how.unit_cure(series.name, meant)}"
         )
 
 
@@ -282,16 +281,8 @@ def fill_or_cut(
     """The columns, and the time, of the rows that are left; the table is cut to the same rows.
 
     A bad value of a measured column becomes NaN.  An input that is missing in one row alone is bridged; rows with any
-    other bad value are cut.  All that is a problem of the table unless ``drop`` is true.
-
-    Parameters
-    ----------
-    time
-        Of the rows [s], NaN where it is bad.
-    longest
-        Longest step over which an input is bridged [s].
-    stamped
-        Whether the time is from timestamps.
+    other bad value are cut.  All that is a problem of the table unless ``drop`` is true.  time: of the rows [s], NaN
+    where it is bad.  longest: step over which an input is bridged [s].  stamped: whether the time is from timestamps.
     """
     known, bad = readings.known, dict(readings.bad)
     if table.problems or (readings.complaints and not how.drop):

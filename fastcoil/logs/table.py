@@ -11,7 +11,7 @@ import io
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice
+from itertools import chain, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD, is_datum, is_missing, is_value
-from fastcoil.logs.series import TIME, TIMES, counted, is_unit
+from fastcoil.logs.series import TIME, counted, is_unit
 from fastcoil.logs.timestamps import is_clock, is_date, is_time
 
 if TYPE_CHECKING:
@@ -173,21 +173,18 @@ def _trimmed(row: Sequence[str]) -> Sequence[str]:
 
 _DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit")  # headers, in small letters
 _ROWS_WITH_CLOCK = 3  # rows that are looked at
-_TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
+TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
+"""Headers of a column of times, as ``letters_of`` gives them."""
 _STATUS = ("status", "quality")
 """Headers of columns that say which values of a row count."""
 _ROWS_OF_STATUS = 1000  # rows in which some status is good, or the column is none of status
+TURNED = "the newest row is first: turned round"
 _LONGEST_LABEL = 100  # characters of a header that a message repeats
 
 
 def letters_of(header: str) -> str:
     """The label of a header in small letters, without what separates its words: ``datetime`` of ``Date / Time``."""
     return "".join(filter(str.isalnum, label_and_unit(header)[0].lower()))
-
-
-def is_of_times(header: str) -> bool:
-    """Whether a header says that its column has times."""
-    return letters_of(header) in _TIME_HEADERS
 
 
 _LONGEST_HEADER = 200  # longest header in which a unit without brackets is looked for, letters
@@ -332,27 +329,22 @@ class Table:
 
         One column of status is for all values of its row; of several, each is for the column on its left.
         """
+        labels = [letters_of(header) for header in self.header]
         found = [
             k
-            for k, header in enumerate(self.header)
-            if letters_of(header) in _STATUS
-            and any(row[k].strip().lower() in GOOD for row in self.rows[:_ROWS_OF_STATUS])
+            for k, label in enumerate(labels)
+            if label in _STATUS and any(row[k].strip().lower() in GOOD for row in self.rows[:_ROWS_OF_STATUS])
         ]
-        others = [k for k in range(len(self.header)) if k not in found]
-        values = [
-            k for k in others if not is_of_times(self.header[k]) and label_and_unit(self.header[k])[0] not in TIMES
-        ]
+        others = [k for k in range(len(labels)) if k not in found]
+        values = [k for k in others if labels[k] not in (*TIME_HEADERS, "elapsedtime")]
         for k in found:
             bad = [i for i, row in enumerate(self.rows) if row[k].strip().lower() not in (*GOOD, "")]
-            for row in (self.rows[i] for i in bad):
-                for column in values if len(found) == 1 else [k - 1]:
-                    row[column] += f" {{{row[k].strip(' {}')}}}" if is_value(row[column]) else ""
+            for i, column in product(bad, values if len(found) == 1 else [k - 1]):
+                if is_value(self.rows[i][column]):
+                    self.rows[i][column] += f" {{{self.rows[i][k].strip(' {}')}}}"
             if bad:
-                first = self.row_numbers[bad[0]]
-                said = (
-                    f"{counted(len(bad), 'row')} marked as bad by the column {self.header[k]!r} (first in row {first})"
-                )
-                self.notes.append(said)
+                what, first = f"{counted(len(bad), 'row')} marked as bad", self.row_numbers[bad[0]]
+                self.notes.append(f"{what} by the column {self.header[k]!r} (first in row {first})")
         for row in filter(None, (self.header, self.units, *self.rows) if found else ()):
             row[:] = [row[k] for k in others]
 
@@ -371,7 +363,7 @@ class Table:
     def time_column(self) -> int | None:
         """Index of the column of times: by its header, or the first one if it has times; None if there is none."""
         for k, header in enumerate(self.header):
-            if is_of_times(header):
+            if letters_of(header) in TIME_HEADERS:
                 return k
         return 0 if is_time(self.rows[0][0]) and not is_time(self.header[0]) else None
 
@@ -400,7 +392,7 @@ class Table:
         """Put the rows, whose newest is first, in the order of time."""
         self.rows.reverse()
         self.row_numbers.reverse()
-        self.notes.append("the newest row is first: turned round")
+        self.notes.append(TURNED)
 
     def keep(self, kept: Mask) -> None:
         """Cut the rows that are not ``kept``, (n_rows,)."""

@@ -106,16 +106,9 @@ def _of_numbers(numbers: Array, kind: _Kind) -> Stamps:
 
 
 def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Stamps:
-    """The times of the cells of a column.
+    """The times of the cells of a column, whose rows in the file are ``row_numbers``.
 
-    Parameters
-    ----------
-    cells, row_numbers
-        Its cells, and their rows in the file.
-    time_format
-        As checked by ``time_format_of``; if None, the format is recognised.
-    cure
-        How to give a format, with ``{format}`` in it, for messages.
+    time_format: as checked by ``time_format_of``; recognised if None.  cure: how to give one, with ``{format}`` in it.
     """
     if time_format in _NUMBERS:
         numbers = np.array([_number(cell) for cell in cells])

@@ -187,7 +187,7 @@ def test_files_that_cannot_be_joined_are_refused_with_the_cure(point):
     seconds = 60 * np.arange(5)
     command = point("command.csv", seconds, np.arange(5), "Time,Value (%)")
     other = point("VLV-1.csv", seconds, np.arange(5), "Time,Value (%)")
-    assert "VLV-1.csv has no point that is known: say which one it is, with --column NAME=VLV-1.csv" in only_problem(
+    assert "VLV-1.csv has no point that is known: say which one it is, with --column NAME=FILE" in only_problem(
         joined, command, other
     )
     assert "command is in two columns, 'command [%]' and 'command [%]'" in only_problem(joined, command, command)
@@ -211,7 +211,7 @@ def test_bad_cells_are_refused_with_file_row_and_cure(point):
     assert "command.csv: command = 'off' in row 4" in only_problem(
         joined, point("command.csv", seconds, [0, 1, "off", 3, 4], "Time,Value (%)")
     )
-    assert "command.csv: command has no unit: write 'Value [UNIT]' in the header" in only_problem(
+    assert "command.csv: command has no unit: write 'command [UNIT]' in the header" in only_problem(
         joined, point("command.csv", seconds, [0, 10, 20, 30, 40], "Time,Value")
     )
     to_and_fro = point("command.csv", [0, 60, 30, 90, 120], range(5), "Time,Value (%)")
