@@ -195,10 +195,9 @@ def _find_headers(
         found["timestamp"] = time
         if letters_of(table.header[time]) not in TIME_HEADERS:
             table.notes.append(f"the times are in the column {shown(table.header[time])}")
-    asked = set(how.columns or {})
     for column, cell in enumerate(table.header):
         label = labels[column]
-        if label in names and label in found and label not in asked and label in (*wanted.names, *TIMES):
+        if label in names and label in found and label not in (how.columns or {}) and label in (*wanted.names, *TIMES):
             both = f"{shown(table.header[found[label]])} and {shown(cell)}"
             which = f"delete one, or say which to read: {how.column_cure(label, cell)}"
             table.problems.append(f"{label} is in two columns, {both}: {which}")

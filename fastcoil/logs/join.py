@@ -311,25 +311,18 @@ def _span(points: Sequence[Point], step: int = 1) -> tuple[int, int]:
     ends = [int(point.times[-1]) for point in points if point.is_regular]
     end = min(ends) if ends else max(int(point.times[-1]) for point in points)
     if end // step <= -(-start // step):
-        spans = "; ".join(f"{p.name} {_shown_time(p.times[0])} to {_shown_time(p.times[-1])}" for p in points)
+        ends_of = {p.name: p.times[[0, -1]].astype(MICROSECONDS).astype("datetime64[s]") for p in points}
+        spans = "; ".join(f"{name} {first} to {last}" for name, (first, last) in ends_of.items())
         raise InputError(f"there are no two times at which all points have values ({spans}): give files of one time")
     return start, end
-
-
-def _shown_time(time: int) -> str:
-    return str(np.datetime64(int(time), "us").astype("datetime64[s]"))
 
 
 def _on_clock(
     points: Sequence[Point], clock: Index, max_gap: float | None, digits: int
 ) -> tuple[Index, list[list[str]], list[str]]:
     """The times of the clock at which all points have values; header and rows of their table; how they were made."""
-    values, notes, good = [], [], np.ones(clock.size, dtype=bool)
-    for point in points:
-        series, has_value, note = _at_times(point, clock, max_gap)
-        good &= has_value
-        values.append(series)
-        notes.append(note)
+    values, good_of, said = zip(*(_at_times(point, clock, max_gap) for point in points), strict=True)
+    good, notes = np.all(good_of, axis=0), list(said)
     if good.sum() < 2:
         raise InputError(
             "fewer than two rows are left where every point has a value: raise --max-gap, or leave one out"

@@ -269,14 +269,7 @@ def _sensor_off(series: Series, numbers: Array, values: Array) -> Mask:
 
 
 def fill_or_cut(
-    table: Table,
-    readings: Readings,
-    time: Array,
-    how: Reading,
-    wanted: Wanted,
-    longest: float,
-    *,
-    stamped: bool,
+    table: Table, readings: Readings, time: Array, how: Reading, wanted: Wanted, longest: float, *, stamped: bool
 ) -> tuple[dict[str, Array], Array]:
     """The columns, and the time, of the rows that are left; the table is cut to the same rows.
 
