@@ -134,7 +134,7 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     for name in ("tornado.access", "tornado.application", "bokeh"):
         logger = logging.getLogger(name)
         logger.setLevel(logging.ERROR)
-        logger.addHandler(terminal)
+        logger.handlers = [terminal]  # Bokeh's own one would show the traceback
         logger.propagate = False
     # no environment variable opens the page to others, or has it loaded from elsewhere
     settings.resources = "server"

@@ -15,7 +15,7 @@ from fastcoil.logs.plausibility import above_saturation
 from fastcoil.loops.boundary.conditions import condition_of, days_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values
-from fastcoil.loops.boundary.weather_files import read_weather, warn_of_hours
+from fastcoil.loops.boundary.weather_files import MOST_APART, read_weather, warn_of_hours
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 
@@ -118,10 +118,18 @@ def weather_day(
     warn_of_hours(file)
     rows = slice(None) if days is not None else 0
     begins = file.dates_at(starts)
-    return Boundary(
+    boundary = Boundary(
         m_a=m_a, T_a_in=T_a_in[rows], W_a_in=W_a_in[rows], T_w_in=T_w_in, T_set=T_set, day=date["days"],
         start=None if begins is None else begins[rows], time_zone=file.time_zone,
     )  # fmt: skip
+    if begins is None and boundary.start is not None:  # of a series that has dates
+        apart = np.abs((boundary.start - boundary.start.astype("datetime64[Y]")) / np.timedelta64(1, "h") - starts)
+        if (np.minimum(apart, 8760.0 - apart) > MOST_APART).any():
+            raise InputError(
+                f"the series begin at {boundary.start[0]}, the weather at hour {starts[0]:g} of the year: take one "
+                "date, or give bare arrays"
+            )
+    return boundary
 
 
 def _start_hours(weather: Mapping[str, Array], file: str, date: Mapping[str, Any]) -> Array:

@@ -29,7 +29,7 @@ from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_poi
 
 STANDARD_PRESSURE = 101325.0
 """At sea level, Pa."""
-_MOST_APART = 48.0  # h from noon of a date to its hour of the year, in years with and without the 29th of February
+MOST_APART = 48.0  # h from noon of a date to its hour of the year, in years with and without the 29th of February
 _LARGEST = 2**28  # bytes; a year by minutes has half as many
 
 WEATHER_COLUMNS = {
@@ -158,7 +158,7 @@ def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str,
         table.problems.append(f"hour_of_year does not rise by 1 from row {row} to the next: give every hour")
     if {"month", "day"} <= weather.keys() and not table.problems:
         noon = 24.0 * ((np.cumsum(_DAYS) - _DAYS)[weather["month"].astype(np.int64) - 1] + weather["day"] - 0.5)
-        apart = np.abs(noon - weather["hour_of_year"]) > _MOST_APART
+        apart = np.abs(noon - weather["hour_of_year"]) > MOST_APART
         if apart.any():
             row = table.row_numbers[int(np.argmax(apart))]
             table.problems.append(f"month and day in row {row} are not those of hour_of_year there: mend one of them")

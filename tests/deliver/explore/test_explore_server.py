@@ -1,7 +1,9 @@
 """The server of ``fastcoil explore``: for this machine alone, and with a sentence for what goes wrong."""
 
+import asyncio
 import http.client
 import importlib.util
+import re
 import signal
 import socket
 import subprocess
@@ -44,6 +46,15 @@ def answer(address, path="/", **headers):
         connection.close()
 
 
+def opened(address):
+    """The text of the page, as soon as there may be one more."""
+    end = time.monotonic() + 60
+    while (found := answer(address))[0] == 503 and time.monotonic() < end:
+        time.sleep(0.2)
+    assert found[0] == 200
+    return found[1]
+
+
 @pytest.mark.kernel
 def test_it_is_there_for_this_machine_alone(program):
     _, address = program
@@ -77,10 +88,7 @@ def test_pages_are_limited_and_given_back_when_nobody_is_connected(program):
     assert {status for status, _ in answers} == {200, 503}
     said = "3 pages of fastcoil explore are open: close one, and load this one again in half a minute."
     assert answers[-1] == (503, said)
-    end = time.monotonic() + 60
-    while answer(address)[0] == 503 and time.monotonic() < end:
-        time.sleep(0.2)
-    assert answer(address)[0] == 200
+    assert "fastcoil" in opened(address)
 
 
 @pytest.mark.kernel
@@ -90,6 +98,25 @@ def test_a_port_that_is_taken_is_refused_in_a_sentence(program):
     assert found.exit_code == 2
     assert found.output.startswith(f"fastcoil: port {port} cannot be used (Address already in use")
     assert f"give another one above 1023, such as --port {port + 1}\n" in found.output
+
+
+@pytest.mark.kernel
+def test_a_message_that_is_none_of_the_page_ends_the_connection(program):
+    """What is then said in the terminal the next test sees: a line, no traceback."""
+    from tornado.httpclient import HTTPRequest
+    from tornado.websocket import websocket_connect
+
+    _, address = program
+    token = re.search('"token":"([^"]+)"', opened(address))[1]
+    where = HTTPRequest(f"{address.replace('http', 'ws', 1)}ws", headers={"Origin": address.rstrip("/")})
+
+    async def received():
+        connection = await websocket_connect(where, subprotocols=["bokeh", token])
+        for part in ('{"msgid": "1", "msgtype": "NOTHING"}', "{}", "{}"):
+            await connection.write_message(part)
+        return [await connection.read_message() for _ in range(4)]  # three of the greeting
+
+    assert asyncio.run(received())[-1] is None
 
 
 @pytest.mark.kernel

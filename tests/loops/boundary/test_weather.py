@@ -150,3 +150,16 @@ def test_how_a_weather_file_was_read_is_said(tmp_path):
     path.write_text("Station 7\n" + text, encoding="utf-8")
     with pytest.warns(UserWarning, match=r"separated by semicolons; .* 'Station 7' on; .* comma"):
         weather_day(path, start_hour=34, **PLANT)
+
+
+def test_a_series_of_another_date_than_the_weather_is_refused(write):
+    pd = pytest.importorskip("pandas")
+    path, plant = write(WEATHER_HEADER, WEATHER_ROWS), {n: v for n, v in PLANT.items() if n != "T_set"}
+    for date, fits in (("2023-01-02T10:00", True), ("2023-07-02T10:00", False)):
+        T_set = pd.Series(14.0, pd.date_range(date, periods=3600, freq="s"))
+        given = {"month": 1, "day": 2, "hour": 10, "hours": 1, "T_set": T_set} | plant
+        if fits:
+            assert quiet_weather_day(path, **given).start[0] == np.datetime64(date)
+        else:
+            said = "the series begin at 2023-07-02T10:00:00, the weather at hour 34 of the year: take one date"
+            assert said in problems(quiet_weather_day, path, **given)[0]
