@@ -1,5 +1,6 @@
 """limit_cycle: loops x days x seconds -> margin, and whether, how fast and how far each loop hunts."""
 
+import json
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -382,4 +383,5 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
     if note:
         warnings.warn(note, stacklevel=2)
     ds = points.dataset({name: (values, _NAMES[name]) for name, values in found.items()})
-    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **({"note": note} if note else {}), **provenance())
+    about = {"parameters": json.dumps(points.loop.constants)} | ({"note": note} if note else {})
+    return ds.assign_attrs(title="fastcoil limit cycles, predicted", **about, **provenance())

@@ -156,7 +156,7 @@ def contradictions(found):
     check("none is better, but a row is", "Leave it" in advice and "below 0.01 K" not in advice and better)
     cured = any(str(one).startswith("cures it") for one in cures["verdict"].values)
     check("none stops it, but a row does", "None of these " in advice and cured and found.recommended == "as_it_is")
-    margin = re.search(r"margin ([\d.e+-]+); a loop hunts above ([\d.]+)", why)
+    margin = re.search(r"margin ([\d.e+-]+); a loop hunts above ([\d.]+\d)", why)
     if margin:
         above = float(margin[1]) > float(margin[2])
         explained = "no swing that counts" in why or (

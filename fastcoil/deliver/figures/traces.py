@@ -313,6 +313,11 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
         missing = [name for name in _PREDICTED if name not in predicted]
         if missing:
             raise InputError(f"predicted has no {', '.join(missing)}: {cure}")
+        here, there = (json.loads(each.attrs.get("parameters", "{}")) for each in (ds, predicted))
+        name = next((name for name in here if here[name] != there.get(name, here[name])), "")
+        if name:
+            other = f"predicted is of another loop, with {name} = {there[name]}, in data {here[name]}"
+            raise InputError(f"{other}: give that of the same loop")
     found = _scenarios_of(ds, _PLANE)
     lines = [": ".join(filter(None, [one.words, _compared(one.ds, predicted)])) for one in found]
     (axes,) = places(ax, [_HEIGHT_OF_SWING])

@@ -99,6 +99,10 @@ def test_a_loop_that_failed_has_no_plane(swinging):
             lambda ds, p: fc.plot.limit_cycle(ds, p.assign_coords(backlash=[1, 2])),
             "predicted has other labels ",
         ),
+        (
+            lambda ds, p: fc.plot.limit_cycle(ds, fc.limit_cycle(fc.Loop(ti=400.0), fc.paper_day(hours=1))),
+            "predicted is of another loop, with ti = 400.0, in data 8.0: give that of the same loop",
+        ),
         (lambda ds, predicted: fc.plot.learning(ds), "data has no trace estimate: simulate with "),
     ],
 )
