@@ -122,7 +122,7 @@ def explain(
         prediction = predict(nearest_linear(loop), points)
     if acts_wrong_way(prediction):
         action = "cooling" if loop["action"] == "heating" else "heating"
-        prediction = predict(prediction.loop.assign(action=action), points)
+        prediction = predict(nearest_linear(prediction.loop.assign(action=action)), points)
     trial = Trial(loop, boundary, points, prediction if has_theory else None, warm_up, seed)
     tried = cures_of(loop, prediction, has_theory=has_theory)
     cures = try_cures(trial, tried)
