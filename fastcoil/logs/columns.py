@@ -206,9 +206,9 @@ def _find_headers(
         elif column not in found.values():
             unknown.append(column)
     guessed, may_be = _guess(table, how, wanted, found, unknown)
-    left = [table.header[k] for k in unknown if k not in guessed.values()]
+    left = list(dict.fromkeys(table.header[k] for k in unknown if k not in guessed.values()))
     more = f"; and {len(left) - _MOST_NAMED} more" if len(left) > _MOST_NAMED else ""
-    if left and how.columns is None and not guessed:
+    if left and how.columns is None and not guessed and not any(len(fits) > 1 for fits in may_be.values()):
         hints = {cell: nearest(label_and_unit(cell)[0], names) for cell in left[:_MOST_HINTS]}
         left.sort(key=lambda cell: not hints.get(cell))  # those that are nearly ours first
         listed = "; ".join(f"{shown(cell)}{hints.get(cell, '')}" for cell in left[:_MOST_NAMED])

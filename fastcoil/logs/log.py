@@ -13,6 +13,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.logs.columns import Reading, Wanted, find_columns
 from fastcoil.logs.join import pivoted, value_columns
+from fastcoil.logs.names import meaning_of
 from fastcoil.logs.pieces import longest_bridged, number_pieces, read_times
 from fastcoil.logs.readings import fill_or_cut, question_units, read_columns, refuse_supersaturation
 from fastcoil.logs.series import COLUMNS
@@ -116,7 +117,11 @@ def read_log(source: Any, wanted: Wanted, how: Reading = _AS_IT_IS) -> Log:
     (time, point, value); or an ``xarray.Dataset`` along ``elapsed_time`` (or ``timestamp``, of datetime64) with units
     as attributes.
     """
-    table = Table.read(source) if isinstance(source, (str, Path)) else table_of(source, how.columns, COLUMNS)
+    if isinstance(source, (str, Path)):
+        table = Table.read(source)
+    else:
+        meant = [name for name in getattr(source, "data_vars", ()) if meaning_of(str(name))]
+        table = table_of(source, how.columns, [*COLUMNS, *meant])
     if value_columns(table) is not None:
         table = pivoted(table, how, wanted)
         how = replace(how, columns=None, units={}, time_format=None)

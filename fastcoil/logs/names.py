@@ -62,7 +62,8 @@ _RULES = [
     ("enabled", "fan status", "supply air"),
 ]
 """Series, words that its header must have, and words that it may have."""
-_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b", re.IGNORECASE)  # of a BACnet object
+_ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.:/\\])", re.IGNORECASE)
+"""Of a BACnet object; a folder of one letter in a path."""
 _SET_POINT = re.compile(r"set[-_ ]*point", re.IGNORECASE)
 _WORD = re.compile(r"[A-Z]?[a-zà-ÿ]+|[A-ZÀ-Ý]+(?![a-z])|[A-Z]|[0-9]+")
 
@@ -82,7 +83,12 @@ def meaning_of(header: str) -> Meaning | None:
     written += ["cfm"] * (unit is not None and unit.lower() == "cfm")
     known = [_WORDS.get(word) for word in written]
     words = {one for meant in known for one in meant or ()} - {"place"}
-    place = frozenset(word for word, meant in zip(written, known, strict=True) if meant in (None, ["place"]))
+    place: list[str] = []
+    for k, word in enumerate(written):
+        if word.isdigit() and k and known[k - 1] in (None, ["place"]):
+            place[-1] += f" {word}"  # AHU-1 is another place than AHU-2, even below NAE-1
+        elif known[k] in (None, ["place"]):
+            place.append(word)
     first = next((k for k, meant in enumerate(known) if meant not in (None, ["place"])), 0)
     is_clear = all(
         word.isdigit() or meant is not None for word, meant in zip(written[first:], known[first:], strict=True)
@@ -91,5 +97,9 @@ def meaning_of(header: str) -> Meaning | None:
         rest = words - {*needed.split()}
         if len(words) - len(rest) == len(needed.split()) and rest <= {*allowed.split(), "position"}:
             is_clear &= rest <= {*allowed.split()}  # a position that is fed back is no command
-            return Meaning(name, place, is_clear) if unit is None or COLUMNS[name].is_same_unit(unit, unit) else None
+            return (
+                Meaning(name, frozenset(place), is_clear)
+                if unit is None or COLUMNS[name].is_same_unit(unit, unit)
+                else None
+            )
     return None
