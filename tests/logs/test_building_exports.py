@@ -1,6 +1,7 @@
 """Logs as building systems export them: their names, their layouts, a row for each value; nothing wrong in silence."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.exports import COMMAND, ISO, ROWS, SECONDS, START, T_SUP, saved, times
 from helpers.refusals import only_problem, problems
@@ -77,7 +78,7 @@ NAMES = {
     "m_a": "CFM, SA CFM, SF-1 Airflow, Supply_Air_Flow_Sensor, AHU2 SA Flow [cfm]",
     "enabled": "SF-STS, SF-S, Supply Fan Status, Fan_On_Off_Status, discharge fan run sensor",
     None: "RAT, OAT, ZN SAT SCHED, Sat Occ, SAT HI LIMIT, OA CFM, RF-STS, CHW ISO VLV CMD, HUM VLV CMD, SAT RESET SP, "
-          "MIN SAT SP, SA RH, SA STATIC SP, OAD CMD, SF VFD CMD, CHW VLV [gpm], SAT [%], CHWST, SAT SCHED, Heat wheel SAT",
+          "MIN SAT SP, SA RH, SA STATIC SP, OAD CMD, SF VFD CMD, CHW VLV [gpm], SAT [%], CHWST, SAT SCHED, Wheel SAT",
 }  # fmt: skip
 
 
@@ -151,7 +152,6 @@ def test_points_of_a_long_log_keep_their_own_times(tmp_path):
 
 
 def test_a_frame_of_values_with_an_index_of_times_is_read_as_its_file(tmp_path):
-    pd = pytest.importorskip("pandas")
     frame = pd.read_csv(saved(tmp_path, EXPORTS["historian"][0]))
     frame = frame.set_index(pd.to_datetime(frame.pop("TIMESTAMP"), format="%m/%d/%Y %I:%M:%S %p"))
     for one in (frame, frame.tz_localize("America/New_York")):
