@@ -114,7 +114,10 @@ def test_a_message_that_is_none_of_the_page_ends_the_connection(program):
         connection = await websocket_connect(where, subprotocols=["bokeh", token])
         for part in ('{"msgid": "1", "msgtype": "NOTHING"}', "{}", "{}"):
             await connection.write_message(part)
-        return [await connection.read_message() for _ in range(4)]  # three of the greeting
+        found = [await connection.read_message() for _ in range(4)]  # three of the greeting
+        connection.close()
+        await asyncio.sleep(0.1)  # for the socket
+        return found
 
     assert asyncio.run(received())[-1] is None
 
