@@ -78,9 +78,10 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
 _LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
 _SHARDS_PER_WORKER = 4
 _BYTES_PER_SHARD = 64 * 2**20
-_LANE_STEPS_PER_SEQUENCE = 3e9  # about 40 s, which a kill costs at most, unless a single block takes longer
+_LANE_STEPS_PER_SEQUENCE = 1e10  # about two minutes, which a kill costs at most, but for the fewest blocks
+_FEWEST_BLOCKS = 8  # of days in sequence: each shard makes its days itself, which fewer do not repay
 _BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
-"""Each group makes its days itself, which fewer blocks do not repay; more groups even out what workers have to do."""
+"""Fewer, where workers would have nothing to do; more groups even out what they have to do."""
 _OF_KERNELS, _OF_PROCESS = 64 * 2**20, 170 * 2**20
 """Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
 
@@ -190,9 +191,9 @@ class Plan:
         n_blocks, n_groups = -(-n_lanes // LANES), 1
         if n_jobs > 1:
             n_groups = max(n_jobs, min(n_blocks // _BLOCKS_PER_GROUP, n_jobs * _GROUPS_PER_WORKER))
-        by_work = int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES))
+        by_work = max(_FEWEST_BLOCKS, int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES)))
         by_size = _BYTES_PER_SHARD * self.n_a_day // (self.metric_bytes + self.trace_bytes)
-        return max(1, min(LANES * max(1, min(-(-n_blocks // n_groups), by_work)), by_size))
+        return max(1, min(LANES * min(-(-n_blocks // n_groups), by_work), by_size))
 
     def _largest_shard(self, n_jobs: int) -> int:
         """Number of scenarios."""

@@ -189,6 +189,8 @@ def test_days_in_sequence_are_shards_of_bounded_work_and_size_with_what_is_left_
         ([8, 299], 4, 5),
     ]
     monkeypatch.setattr(resources, "_LANE_STEPS_PER_SEQUENCE", 5 * 120 * LANES * 2.5)
+    assert len(resources.shards_of(plan, 1)) == 1
+    monkeypatch.setattr(resources, "_FEWEST_BLOCKS", 1)
     assert {shard.lanes.size for shard in resources.shards_of(plan, 1)} == {2 * LANES, 300 % (2 * LANES)}
     monkeypatch.setattr(resources, "_BYTES_PER_SHARD", 3 * (plan.metric_bytes + plan.trace_bytes) // plan.n_a_day)
     assert max(shard.lanes.size for shard in resources.shards_of(plan, 1)) == 3

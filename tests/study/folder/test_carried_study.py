@@ -50,6 +50,7 @@ TRACED = CARRIED + 'traces = ["T_sup", "mode"]\ntrace_interval = 60\n'
 def one_block_each(monkeypatch):
     """Shards of as few lanes as the kernel takes together."""
     monkeypatch.setattr(plan, "_LANE_STEPS_PER_SEQUENCE", 1.0)
+    monkeypatch.setattr(plan, "_FEWEST_BLOCKS", 1)
 
 
 def resumed(text, folder, **options):
