@@ -69,6 +69,8 @@ def require_writable(out: Path) -> None:
 @click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
 @click.option("--lag", type=float, help="Seconds by which T_sup is logged late beside the command; found by default.")
+@click.option("--kp", type=float, help="Gain of the controller, 1/K, with --ti; found by default.")
+@click.option("--ti", type=float, help="Integral time of the controller, s, with --kp; found by default.")
 def diagnose(
     data: Path, more: tuple[Path, ...], out: Path | None, report: Path | None, fleet: bool, jobs: int | None,
     fail: bool, **options: Any,

@@ -19,8 +19,19 @@ GAINS, _MOST = (1.0 / 1.1, 1.0, 1.1), 2
 """Factors on the gain of the model, which no log resolves exactly, and how many of these have to agree."""
 FAR_FROM_HUNTING = 1.25
 """Factor on the gain with which a loop may not hunt either, for its swing to be called a disturbance."""
+_CLEARLY, _CALM, _VERY_ALIKE = 1.2, 1.4, (1.25, 0.75, 2.0)
+"""For a gap whose size the log does not resolve to be blamed: factor by which the gain may be larger or smaller and the
+loop still hunts with it; factor with which it stays calm without it; by how much the periods may differ, and the least
+and largest swing of the model over the logged one."""
+_SMOOTH = 12  # the mean over this part of the period takes the noise away
 _KICKED, _LEAST_KICK = 600.0, 1.0
 """Seconds and K by which the set-point is off at first, so that a cycle that needs a start gets it."""
+
+
+_TIMES_GAP, _WELL_EXPLAINED, _TIMES_SWING = 5.0, 0.9, 2.0
+"""A gap is not blamed for a command that swings over more than so many times its size, nor for a swing that is larger
+than that of the model where the command explains a smaller share of the changes of the temperature, nor on a day whose
+fast disturbances are so many times as large as its swing."""
 
 
 class Cause(NamedTuple):
@@ -37,8 +48,7 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
     What still swings then is a limit cycle of the loop.
 
     measures: what the log shows.  fitted: the loop as a model, or why there is none; one that does not repeat its log
-    to the letter may do.  identified: whether the log resolves the backlash; no valve is blamed for one that it does
-    not.
+    to the letter may do.  identified: whether the log resolves the backlash; if it does not, the model has to be clear.
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:
@@ -50,10 +60,11 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := too_little(fitted):
         return Cause(UNKNOWN, sentence)
-    return _of_model(fitted, swing, identified)
+    return _of_model(fitted, measures, identified)
 
 
-def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
+def _of_model(fitted: FittedLoop, measures: Measures, identified: bool) -> Cause:
+    swing = measures.swing
     quiet = by_itself(fitted, swing)
     # with how many gains the loop swings by itself as the log does
     with_gap, without = (
@@ -62,12 +73,7 @@ def _of_model(fitted: FittedLoop, swing: Swing, identified: bool) -> Cause:
     if without >= _MOST:
         return Cause(TUNING, "the loop would hunt with a perfect valve, too")
     if with_gap >= _MOST and without == 0:
-        if identified:
-            return Cause(BACKLASH, "the loop would not hunt without it")
-        size = 100 * fitted.backlash
-        return Cause(
-            UNKNOWN, f"it would hunt with a gap of {size:.2g} % and not without, but the gap is not identified"
-        )
+        return _of_gap(fitted, quiet, measures, identified)
     if with_gap == 0 and not quiet.played(fitted.backlash, FAR_FROM_HUNTING).hunts:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
     return Cause(
@@ -85,10 +91,51 @@ def by_itself(fitted: FittedLoop, swing: Swing) -> FittedLoop:
     return fitted._replace(day=day._replace(disturbance=slow, noise=np.zeros_like(day.noise), T_set=day.T_set + kick))
 
 
-def _swings_alike(outcome: Outcome, swing: Swing) -> bool:
-    if not outcome.hunts or 2.0 * outcome.amplitude < LEAST_SIZE * swing.peak_to_peak:
+def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, identified: bool) -> Cause:
+    """The cause where the model hunts with its gap and not without."""
+    if because := _more_than_the_gap(fitted, quiet, measures):
+        return Cause(UNKNOWN, f"the loop would hunt with its gap and not without, but {because}")
+    if identified:
+        return Cause(BACKLASH, "the loop would not hunt without it")
+    because = f"it would hunt with a gap of {100 * fitted.backlash:.2g} % and not without"
+    if _is_clear(quiet, measures.swing):
+        return Cause(BACKLASH, f"{because}; the size is not identified")
+    return Cause(UNKNOWN, f"{because}, but the gap is not identified")
+
+
+def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures) -> str:
+    """What speaks for another cause of a swing that the gap alone would make, too, or nothing."""
+    swing, plant = measures.swing, fitted.plant
+    if measures.command_swing > _TIMES_GAP * fitted.backlash:
+        return f"the command swings over {measures.command_swing / fitted.backlash:.0f} times the gap"
+    if plant.explained < _WELL_EXPLAINED and 2.0 * quiet.played(quiet.backlash).amplitude < swing.peak_to_peak:
+        return "by less than the log: something outside seems to add to the swing"
+    smooth = running_mean(
+        fitted.day.disturbance, np.ones(fitted.day.disturbance.size, dtype=bool),
+        max(1, round(swing.period / _SMOOTH / plant.step)),
+    )  # fmt: skip
+    outside = float(np.std(smooth - quiet.day.disturbance)) * 2.0 * math.sqrt(2.0)  # peak to peak of a sine
+    if outside > _TIMES_SWING * swing.peak_to_peak:
+        return f"disturbances of {outside:.2g} K hide its swing of {swing.peak_to_peak:.2g} K"
+    return ""
+
+
+def _is_clear(quiet: FittedLoop, swing: Swing) -> bool:
+    """Whether the loop hunts with its gap much as logged, whatever the gain, and is far from hunting without."""
+    return (
+        _swings_alike(quiet.played(quiet.backlash), swing, *_VERY_ALIKE)
+        and all(quiet.played(quiet.backlash, gain).hunts for gain in (1.0 / _CLEARLY, _CLEARLY))
+        and not quiet.played(0.0, _CALM).hunts
+    )
+
+
+def _swings_alike(
+    outcome: Outcome, swing: Swing, alike: float = ALIKE, least: float = LEAST_SIZE, most: float = np.inf
+) -> bool:
+    size = 2.0 * outcome.amplitude / swing.peak_to_peak
+    if not (outcome.hunts and least <= size <= most):
         return False
-    return bool(abs(np.log(outcome.period / swing.period)) < np.log(ALIKE))
+    return bool(abs(np.log(outcome.period / swing.period)) < np.log(alike))
 
 
 BUFFER = 0.01  # of the backlash inverse that is tried, fraction of stroke

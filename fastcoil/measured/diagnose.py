@@ -27,6 +27,7 @@ WANTED = Wanted(
     measured=("T_sup", "T_set", "m_a", "T_a_in"),
 )
 _LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1  # of a stroke or of the time between two samples of a controller, s
+_LEAST_KP, _MOST_KP = 1e-5, 10.0  # 1/K
 _WITHOUT_SET_POINT = 600.0  # s; values that are missing for less are held
 WIDE_SWING, LARGEST_INCREMENT = 0.4, 0.06
 """Swing of the command, fraction of stroke, and change of a temperature that makes the log write it, K, above which no
@@ -41,6 +42,8 @@ def diagnose(
     sample_time: float | None = None,
     *,
     lag: float | None = None,
+    kp: float | None = None,
+    ti: float | None = None,
     units: Mapping[str, str] | None = None,
     columns: Mapping[str, str] | None = None,
     drop: bool = False,
@@ -64,6 +67,8 @@ def diagnose(
         Seconds between two samples of the controller; found from the log if left out.
     lag
         Seconds by which T_sup is logged late beside the command, negative if early; found from the log if left out.
+    kp, ti
+        Gain, 1/K, and integral time, s, of the controller, both; found from the log if left out.
     units, columns, drop, jumps, max_gap, time_format
         How the log is read: see ``fastcoil.logs.Reading``.
 
@@ -82,6 +87,7 @@ def diagnose(
         stroke_time = check.unless_none(_seconds_of, "stroke_time", stroke_time, 0.0)
         sample_time = check.unless_none(_seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
         lag = check.unless_none(_seconds_of, "lag", lag, -_LONGEST)
+        gains = check(_gains_of, kp, ti)
         how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     if not logs:
@@ -101,8 +107,9 @@ def diagnose(
     found, measures = identified(grid, seconds, sample_time, lag)
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
     loop = fit_loop_model(
-        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on
-    )
+        values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on,
+        gains,
+    )  # fmt: skip
     cause = cause_of(measures, loop, identified=found.identified)
     doubt = loop if isinstance(loop, str) else loop.doubt
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
@@ -174,6 +181,17 @@ def _off_without_set_point(log: Log) -> None:
 
 def _seconds_of(name: str, value: Any, least: float) -> float:
     return number_of(name, value, f"give seconds, from {least:g} to {_LONGEST:g}", least=least, most=_LONGEST)
+
+
+def _gains_of(kp: Any, ti: Any) -> tuple[float, float] | None:
+    if (kp is None) != (ti is None):
+        raise InputError("kp, ti: give both, or leave both out")
+    if kp is None:
+        return None
+    return (
+        number_of("kp", kp, f"give 1/K, from {_LEAST_KP:g} to {_MOST_KP:g}", least=_LEAST_KP, most=_MOST_KP),
+        _seconds_of("ti", ti, _SHORTEST_SAMPLE),
+    )
 
 
 def identified(

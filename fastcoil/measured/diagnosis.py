@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -74,7 +76,7 @@ class Diagnosis(Result):
         ``not_responding``), ``error`` and ``swing`` (peak to peak, K), ``period`` (s), and in ``log_limits`` what the
         log of that hour cannot show; and a sentence on each fault that lasts, the worst first.
     advice
-        What to do, in a sentence, with kp and ti.
+        What to do: ``kp``, 1/K, and ``ti``, s, to set, NaN where the log does not show any, and ``reason``, a sentence.
     notes
         What was left out of the log, what was assumed, and what could not be computed.
     """
@@ -99,7 +101,10 @@ class Diagnosis(Result):
         """The diagnosis in words, line by line."""
         hours = self.signals.attrs["hours"]
         lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
-        lines += [self.headline, _gap(self), _hunting(self), *_predicted(self), *filter(None, [self.advice])]
+        lines += [self.headline, *_controller(self), *filter(None, [self.advice.reason])]
+        lines += [*_predicted(self, ("as_found", "simc")), _gap(self), _hunting(self)]
+        if self.identified and self.backlash > GOOD:
+            lines += _predicted(self, ("no_gap", "half_gap", "inverse"))
         return lines + [f"Note: {note}" for note in self.notes]
 
     @property
@@ -108,12 +113,14 @@ class Diagnosis(Result):
         return headline_of(self.triage)
 
     @property
-    def advice(self) -> str:
-        """What to do, in a sentence, by the rule of ``fc.explain``; empty where the log shows nothing to do."""
+    def advice(self) -> Advised:
+        """What to do, by the rule of ``fc.explain``; the reason is empty where the log shows nothing to do."""
+        kp, ti = float(self.indices["kp"]), float(self.indices["ti"])
+        by_step_test = Advised(math.nan, math.nan, _BY_STEP_TEST)
         if self.cause == DISTURBANCE:
-            return "Leave the gains: the swing comes from outside the loop."
+            return Advised(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:
-            return _BY_STEP_TEST if self.hunts else ""
+            return by_step_test if self.hunts else Advised(kp, ti, "")
         tried = {"as_found": (AS_IS, "as found"), "simc": (SIMC, _gains_of(self.predictions))}
         if self.identified and self.backlash > GOOD:
             tried |= {"inverse": (INVERSE, f"inverse of {per_cent(self.backlash)}"), "no_gap": (REPAIRED, "repair")}
@@ -123,7 +130,11 @@ class Diagnosis(Result):
             hunts = self.hunts if case == "as_found" else bool(one["hunts"] > 0.0)
             options.append(Option(name, words, float(one["rmse"]), float(one["travel_per_day"]), hunts))
         found = advise(options)
-        return found.text if found.best or not self.hunts else _BY_STEP_TEST
+        if self.hunts and not found.best:
+            return by_step_test
+        case = list(tried)[found.best]
+        kp, ti = (float(self.predictions[name].sel(case=case)) for name in ("kp", "ti"))
+        return Advised(kp, ti, found.text)
 
     def plot(self) -> Figure:
         """The diagnosis on one page, as a matplotlib ``Figure``."""
@@ -150,6 +161,22 @@ class Diagnosis(Result):
                 numbers = {str(name): float(value) for name, value in one.drop_vars("doubt").items()}
                 lines += toml_table(f"fit.predictions.{case}", {"doubt": str(one["doubt"].values), **numbers})
         return as_toml(lines, path)
+
+
+class Advised(NamedTuple):
+    """What to do about a loop."""
+
+    kp: float
+    """Gain to set, 1/K: that of now where it may stay, NaN where the log shows none."""
+    ti: float
+    """Integral time to set, s, likewise."""
+    reason: str
+    """What to do and what it brings, in a sentence."""
+
+
+def _controller(d: Diagnosis) -> list[str]:
+    kp, ti, every = (float(d.indices[name]) for name in ("kp", "ti", "sample_time"))
+    return [] if np.isnan(kp) else [f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"]
 
 
 def _gap(d: Diagnosis) -> str:
@@ -182,23 +209,24 @@ def _hunting(d: Diagnosis) -> str:
     return f"Hunting: ± {size:.2g} K every {every}{blamed.get(d.cause, ';')} {d.because}"
 
 
-def _predicted(d: Diagnosis) -> list[str]:
+def _predicted(d: Diagnosis, cases: Sequence[str]) -> list[str]:
     """What the fitted loop would do with other gains, another valve or an inverse."""
     if d.predictions is None:
         return []
-    cases = {"as_found": "As found", "simc": f"With {_gains_of(d.predictions)}"}
-    if d.identified and d.backlash > GOOD:
-        cases |= {"no_gap": "Without the gap", "half_gap": "With half the gap", "inverse": "With a backlash inverse"}
+    words = {"as_found": "As found", "simc": f"With {_gains_of(d.predictions)}", "no_gap": "Without the gap",
+             "half_gap": "With half the gap", "inverse": "With a backlash inverse"}  # fmt: skip
     hunting = float(d.predictions["hunts"].sel(case="as_found"))
     lines = []
-    for case, words in cases.items():
+    for case in cases:
         one = d.predictions.sel(case=case)
         stops = ", no hunting" if hunting > float(one["hunts"]) else ""
         answer = (
             f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem turns "
             f"{float(one['reversals_per_day']):.0f} times a day{stops}"
         )
-        lines.append(f"{words}: " + (f"not predicted: {one['doubt'].values}" if str(one["doubt"].values) else answer))
+        lines.append(
+            f"{words[case]}: " + (f"not predicted: {one['doubt'].values}" if str(one["doubt"].values) else answer)
+        )
     return lines
 
 

@@ -242,13 +242,14 @@ class FittedLoop(NamedTuple):
 
 def fit_loop_model(
     command: Array, temperature: Array, T_set: Array | None, interval: float, backlash: float, stroke_time: float,
-    sample_time: float | None = None, enabled: Mask | None = None,
+    sample_time: float | None = None, enabled: Mask | None = None, gains: tuple[float, float] | None = None,
 ) -> FittedLoop | str:  # fmt: skip
     """Fit controller and plant to a trend log; one sentence if that cannot be done.
 
     command, temperature, T_set: (n,), fraction of stroke, °C, °C; NaN where missing.  interval: s.  backlash,
     stroke_time: of valve (fraction of stroke) and motor (s, 0 if it is as good as immediate).  sample_time: of the
-    controller, s; found from the log if None.  enabled: whether the plant was on; all of it if None.
+    controller, s; found from the log if None.  enabled: whether the plant was on; all of it if None.  gains: kp, 1/K
+    and above 0, and ti, s, of the controller; found from the log if None.
     """
     if T_set is None:
         return "the log has no set-point (T_set)"
@@ -261,7 +262,7 @@ def fit_loop_model(
     if not good.any():
         return "no sample has command, temperature and set-point with the plant on"
     command, temperature, T_set = (held(series) for series in (command, temperature, T_set))
-    pi = recover_pi(command, temperature, T_set, interval, good, sample_time)
+    pi = recover_pi(command, temperature, T_set, interval, good, sample_time, gains)
     if isinstance(pi, str):
         return pi
     plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, pi)

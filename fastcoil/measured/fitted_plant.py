@@ -63,11 +63,13 @@ class _Fit(NamedTuple):
 
 
 def recover_pi(
-    command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, sample_time: float | None
-) -> RecoveredPI | str:
+    command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, sample_time: float | None,
+    gains: tuple[float, float] | None = None,
+) -> RecoveredPI | str:  # fmt: skip
     """Find kp, ti and, if it is not given, the sample time; a sentence if the command follows no PI.
 
-    command, temperature, T_set: (n,), fraction of stroke, °C, °C.  good: (n,), samples that may be used.
+    command, temperature, T_set: (n,), fraction of stroke, °C, °C.  good: (n,), samples that may be used.  gains: kp,
+    above 0, and ti, where they are known; the log still tells heating from cooling.
     """
     changes = np.flatnonzero((np.abs(np.diff(command)) > HELD) & good[1:] & good[:-1]) + 1
     if changes.size < LEAST_CHANGES:
@@ -93,6 +95,8 @@ def recover_pi(
             found = max([*filter(None, [found]), *phased], key=lambda one: one.explained, default=None)
     if found is None:
         return "too little of the log shows the controller at work: the command is saturated or hardly moves"
+    if gains is not None:
+        return found._replace(kp=math.copysign(gains[0], found.kp), ti=gains[1])
     if found.explained < LEAST_EXPLAINED:
         return (
             f"a PI of the logged error explains {100 * max(found.explained, 0.0):.0f} % of the command's changes "

@@ -18,7 +18,7 @@ from studies.common import HEATING_GAIN, loguniform, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share
 
-SEED, VALVES, DAY = 7411, 96, 74111
+SEED, VALVES, DAY = 7411, 192, 74111
 SWINGING = "swinging"
 KINDS = (STEPPED, CONSTANT, DESIGN, SWINGING, HEATING)
 CAUSES = ("none", "backlash", "tuning", "disturbance")

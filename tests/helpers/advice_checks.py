@@ -190,12 +190,16 @@ def contradictions_of_log(loop):
     now = fc.simulate(loop, day, traces=["T_measured", "command"], trace_interval=10, n_jobs=1, progress=False)
     log = now.assign(T_set=("elapsed_time", day.series["T_set"][0][::10], {"units": "degC"}))
     found = fc.diagnose(log, stroke_time=loop["stroke_time"])
-    calls = found.advice.partition(":")[0]
+    calls = found.advice.reason.partition(":")[0]
     if found.hunts != (calls in ("Do this", "Leave the gains")):
         wrong.append(f"hunts: {found.hunts}, but: {calls}")
-    if found.predictions is not None and "log again" in found.advice and found.predictions.sel(case="simc").hunts == 0:
+    if (
+        found.predictions is not None
+        and "log again" in found.advice.reason
+        and found.predictions.sel(case="simc").hunts == 0
+    ):
         wrong.append("other gains are predicted to be calm, but none is advised")
-    gains = re.search(r": kp ([\d.e-]+) 1/K, ti ([\d.e+]+) s: RMSE", found.advice)
+    gains = re.search(r": kp ([\d.e-]+) 1/K, ti ([\d.e+]+) s: RMSE", found.advice.reason)
     if gains:
         then = fc.simulate(loop.assign(kp=float(gains[1]), ti=float(gains[2])), day, n_jobs=1, progress=False)
         wrong += ["advised gains hunt"] * int(then.hunts > 0) + ["advised gains are worse"] * int(

@@ -99,6 +99,34 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
     assert says in said.because
 
 
+@pytest.mark.parametrize(
+    ("without", "explained", "share", "cause", "says"),
+    [
+        (False, 1.0, 0.5, "backlash", "the size is not identified"),
+        (1.4, 1.0, 0.5, "unknown", "but the gap is not identified"),
+        (False, 0.8, 0.5, "backlash", "the size is not identified"),
+        (False, 1.0, 0.1, "unknown", "times the gap"),
+    ],
+)
+def test_a_gap_that_is_not_identified_is_blamed_where_the_model_is_clear(
+    restless, monkeypatch, without, explained, share, cause, says
+):
+    """share: of the command's swing, the gap; without: the factor on the gain at which the loop hunts without it."""
+    grid, measures = restless
+    values, swing = grid.values, measures.swing
+    loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.05, 90.0, 15.0, grid.on)
+    loop = loop._replace(backlash=share * measures.command_swing, plant=loop.plant._replace(explained=explained))
+
+    def played(self, backlash, kp=1.0, *_):
+        return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, backlash > 0.0 or kp == without)
+
+    monkeypatch.setattr(FittedLoop, "played", played)
+    monkeypatch.setattr("fastcoil.measured.cause.FULL_SWING", 2.0)
+    said = cause_of(measures, loop, identified=False)
+    assert said.name == cause
+    assert says in said.because
+
+
 def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     grid, measures = forced
     values = grid.values

@@ -67,7 +67,7 @@ def test_a_loop_whose_air_swings_is_blamed_on_a_disturbance():
     found = fc.diagnose(loop_log(backlash=0.02, swing=1.5, period=400.0), stroke_time=90.0)
     assert found.cause == "disturbance"
     assert float(found.indices.period) == pytest.approx(400.0, rel=0.05)
-    assert found.advice == "Leave the gains: the swing comes from outside the loop."
+    assert found.advice.reason == "Leave the gains: the swing comes from outside the loop."
 
 
 def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
@@ -77,8 +77,8 @@ def test_a_loop_that_would_stand_still_without_its_gap_is_blamed_on_the_valve():
     kp, ti = (float(found.predictions[name].sel(case="simc")) for name in ("kp", "ti"))
     assert kp <= 0.041, "no larger kp than that of a loop that hunts"
     assert ti > 36.0
-    assert found.advice.startswith(f"Do this: kp {kp:g} 1/K, ti {ti:g} s: RMSE -")
-    assert found.advice in found.summary()
+    assert found.advice.reason.startswith(f"Do this: kp {kp:g} 1/K, ti {ti:g} s: RMSE -")
+    assert found.advice.reason in found.summary()
     assert found.backlash == pytest.approx(0.06, abs=0.01)
 
 
@@ -204,3 +204,23 @@ def test_the_loop_that_hunts_at_lbnl_is_told_as_found():
     assert float(found.indices.period) == pytest.approx(1800.0, rel=0.05)
     assert float(found.indices.kp) == pytest.approx(0.018, rel=0.05)
     assert float(found.indices.ti) == pytest.approx(30.0, rel=0.05)
+
+
+def test_advice_has_the_gains_to_set_and_those_of_now_stand_above_it():
+    found = fc.diagnose(loop_log(kp=0.04, ti=18.0, backlash=0.06), stroke_time=90.0)
+    simc = found.predictions.sel(case="simc")
+    assert (found.advice.kp, found.advice.ti) == (float(simc.kp), float(simc.ti))
+    lines = found.summary()
+    now = next(k for k, line in enumerate(lines) if line.startswith("Controller: kp 0.0"))
+    assert lines[now + 1] == found.advice.reason
+    assert lines[now + 2].startswith("As found: error ")
+    assert lines[now + 3].startswith(f"With kp {found.advice.kp:g} 1/K, ti {found.advice.ti:g} s: error ")
+
+
+def test_gains_that_are_given_take_the_place_of_those_of_the_log():
+    log = loop_log(kp=0.04, ti=18.0, backlash=0.06)
+    found = fc.diagnose(log, stroke_time=90.0, kp=0.05, ti=20.0)
+    assert (float(found.indices.kp), float(found.indices.ti)) == (0.05, 20.0)
+    assert found.backlash == fc.diagnose(log, stroke_time=90.0).backlash
+    assert_only_problem(["kp, ti: give both, or leave both out"], fc.diagnose, log, kp=0.05)
+    assert_only_problem(["kp = -1.0: give 1/K, from 1e-05 to 10"], fc.diagnose, log, kp=-1.0, ti=20.0)

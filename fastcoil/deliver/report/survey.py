@@ -170,7 +170,7 @@ def row_of(valve: str, log: Any, options: Mapping[str, Any]) -> dict[str, Any]:
     return row | {str(name): float(value) for name, value in d.indices.items()} | {
         "degree_hours": degree_hours(d), "hours": d.signals.attrs["hours"],
         "backlash": d.backlash, "low": d.interval[0], "high": d.interval[1], "identified": d.identified,
-        "hunts": d.hunts, "cause": d.cause, "because": d.because, "advice": str(d.advice), "reason": d.reason,
+        "hunts": d.hunts, "cause": d.cause, "because": d.because, "advice": d.advice.reason, "reason": d.reason,
         "warnings": "; ".join(d.warnings), "notes": "; ".join(d.notes),
     }  # fmt: skip
 
