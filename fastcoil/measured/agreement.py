@@ -62,7 +62,7 @@ def _heat_problems(log: Log) -> Iterator[str]:
         return
     T, m_w, m_a, T_air, T_water = (log.values[name] for name in ("T_sup", "m_w", "m_a", "T_a_in", "T_w_in"))
     T_out = log.values.get("T_w_out", T_air)  # closer to the air it cannot come
-    here = (np.abs(T_air - T) > _LEAST_CHANGE) & (np.abs(T_out - T_water) > _LEAST_CHANGE) & (m_w > 0.0)
+    here = (np.abs(T_air - T) > _LEAST_CHANGE) & (np.abs(T_out - T_water) > _LEAST_CHANGE) & (m_w * m_a > 0.0)
     if here.sum() < _LEAST_ROWS:
         return
     vapour = np.maximum(log.humidity_ratio(_PRESSURE) - saturation_humidity_ratio(T_water), 0.0)

@@ -132,7 +132,9 @@ def base_calls(tmp_path_factory):
     rule = {"Parameters": Parameters, "Memory": Memory}
     seen = ["T_sup", "command", "opening", "estimate", "mode"]
     traced = fc.simulate(fc.Loop(backlash=[0.02, 0.07], learning_step=0.01), day, warm_up=60, traces=seen)
-    predicted, panels = fc.limit_cycle(fc.Loop(backlash=[0.02, 0.07]), day, at=10), Figure().subplots(4)
+    worn, panels = fc.Loop(backlash=[0.02, 0.07]), Figure().subplots(4)
+    predicted = fc.limit_cycle(worn, day, at=10)
+    swings = fc.simulate(worn, day, warm_up=60, traces=seen)
     return {
         "Boundary": (fc.Boundary, series),
         "Boundary.assign": (day.assign, {}),
@@ -171,7 +173,7 @@ def base_calls(tmp_path_factory):
         "paper_day": (fc.paper_day, days),
         "plot.bands": (fc.plot.bands, {"data": ds, "metric": "iae", "x": "backlash", "by": "kp", "ax": panels[0]}),
         "plot.learning": (fc.plot.learning, {"data": traced, "ax": panels[1]}),
-        "plot.limit_cycle": (fc.plot.limit_cycle, {"data": traced, "predicted": predicted, "ax": panels[2]}),
+        "plot.limit_cycle": (fc.plot.limit_cycle, {"data": swings, "predicted": predicted, "ax": panels[2]}),
         "plot.map": (fc.plot.map, {"data": ds, "metric": "iae", "x": "backlash", "y": "kp", "ax": panels[0]}),
         "plot.traces": (fc.plot.traces, {"data": traced, "boundary": day, "show": "T_sup", "ax": panels[3]}),
         "replay": (fc.replay, {"loop": loop, "log": recorded}),

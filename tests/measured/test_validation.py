@@ -90,7 +90,7 @@ def test_the_fit_of_the_first_rows_may_be_validated_with_a_second_log():
 def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days, validated):
     """A second log with five times the flows: the same fit would be unstable there, and says so."""
     first, second = two_days
-    large = second.assign(m_w=5.0 * second["m_w"], m_a=0.3 * second["m_a"])
+    large = second.assign(m_w=5.0 * second["m_w"], m_a=5.0 * second["m_a"])
     for name in ("m_w", "m_a"):
         large[name].attrs["units"] = "kg/s"
     fit = fc.fit_coil(first, validation=large)
