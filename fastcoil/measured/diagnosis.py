@@ -260,7 +260,7 @@ def _page(d: Diagnosis) -> Figure:
     _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), seen)
     _draw_profile(fig.add_subplot(grid[3, 0]), d)
     _draw_predictions(fig.add_subplot(grid[3, 1]), d)
-    headline = d.summary()[:4]
+    headline = [*d.summary()[:2], _gap(d), _hunting(d), *filter(None, [d.advice.reason])]
     fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
     return fig
 
