@@ -11,6 +11,7 @@ from fastcoil.logs import Log
 from fastcoil.measured.fitted_plant import EDGE, LEAST_PI_ROWS
 from fastcoil.measured.grid import all_good
 from fastcoil.model.moist_air import saturation_humidity_ratio
+from fastcoil.model.parameter_table import PARAMETERS
 
 _FROM_SET_POINT, _OUTSIDE = 15.0, 10.0
 """K by which T_sup may typically lie off T_set with the valve in control, and outside of entering air and water."""
@@ -18,7 +19,8 @@ _TOGETHER = 10.0  # °F within which temperatures come that only a wrong unit he
 _LEAST_CHANGE, _LEAST_ROWS, _OTHER_FLOW, _FAR_TOO_MUCH = 1.0, 10, 3.0, 60.0
 """K by which air and water change where their heat is compared; rows; factors between both, of a wrong unit: the last
 without the water's outlet, where it would change by a sixtieth of what it could."""
-_CP_AIR, _CP_WATER, _CONDENSATION, _PRESSURE = 1.02, 4.186, 2501.0, 101325.0  # kJ/(kg K), kJ/kg, Pa
+_CP_AIR, _CP_WATER, _PRESSURE = np.array([PARAMETERS[name].default for name in ("cp_a", "cp_w", "pressure")], float)
+_CONDENSATION = 2501.0  # kJ/kg
 _OVER, _AFTER_SET_POINT = 120.0, 300.0  # s
 FARTHEST = 180.0  # s by which the clocks of two columns may differ
 _USUAL, _USUAL_TWICE, _CLEARER = 0.9, 0.8, 2.0

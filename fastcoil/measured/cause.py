@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, too_little, what_if
-from fastcoil.measured.measures import Measures, Swing, running_mean
+from fastcoil.measured.measures import SMOOTH, Measures, Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
 FULL_SWING = 0.6
@@ -23,7 +23,6 @@ _CLEARLY, _CALM, _VERY_ALIKE = 1.2, 1.4, (1.25, 0.75, 2.0)
 """For a gap whose size the log does not resolve to be blamed: factor by which the gain may be larger or smaller and the
 loop still hunts with it; factor with which it stays calm without it; by how much the periods may differ, and the least
 and largest swing of the model over the logged one."""
-_SMOOTH = 12  # the mean over this part of the period takes the noise away
 _KICKED, _LEAST_KICK = 600.0, 1.0
 """Seconds and K by which the set-point is off at first, so that a cycle that needs a start gets it."""
 
@@ -112,7 +111,7 @@ def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures
         return "by less than the log: something outside seems to add to the swing"
     smooth = running_mean(
         fitted.day.disturbance, np.ones(fitted.day.disturbance.size, dtype=bool),
-        max(1, round(swing.period / _SMOOTH / plant.step)),
+        max(1, round(swing.period / SMOOTH / plant.step)),
     )  # fmt: skip
     outside = float(np.std(smooth - quiet.day.disturbance)) * 2.0 * math.sqrt(2.0)  # peak to peak of a sine
     if outside > _TIMES_SWING * swing.peak_to_peak:

@@ -19,7 +19,7 @@ _SHOWN, _SHOWN_CLEARLY, _CLEAR = 3, 2, 0.7
 """Periods in the longest unbroken stretch, at least; fewer will do where so large a share is periodic."""
 _INTERVALS, _FEWEST = 10, 4  # intervals between zero crossings of the autocovariance that are compared
 _MINDFUL = 0.1  # share of the longest lag's pairs that must be there, against those of lag 0
-_SMOOTH = 12  # the mean over this part of the period takes the noise away before the swing is measured
+SMOOTH = 12  # the mean over this part of the period takes the noise away before the swing is measured
 
 
 class Swing(NamedTuple):
@@ -84,7 +84,7 @@ def _from_autocovariance(rest: Array, good: Mask, interval: float) -> Swing:
     period = 2.0 * float(between.mean())
     lag = min(round(period / interval), covariance.size - 1)
     samples = period / interval
-    smooth = running_mean(rest, good, max(1, round(samples / _SMOOTH)))  # of noise
+    smooth = running_mean(rest, good, max(1, round(samples / SMOOTH)))  # of noise
     sizes = _spans(smooth, good, max(2, round(samples)))
     size = float(sizes.mean()) if sizes.size else np.nan
     return Swing(

@@ -100,29 +100,45 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("without", "explained", "share", "cause", "says"),
+    ("changes", "cause", "says"),
     [
-        (False, 1.0, 0.5, "backlash", "the size is not identified"),
-        (1.4, 1.0, 0.5, "unknown", "but the gap is not identified"),
-        (False, 0.8, 0.5, "backlash", "the size is not identified"),
-        (False, 1.0, 0.1, "unknown", "times the gap"),
+        ({}, "backlash", "the size is not identified"),
+        ({"without": 1.4}, "unknown", "but the gap is not identified"),
+        ({"without": 1.5}, "backlash", "the size is not identified"),
+        ({"size": 0.7}, "unknown", "but the gap is not identified"),
+        ({"size": 0.7, "identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"share": 0.1, "identified": True}, "unknown", "the command swings over 10 times the gap"),
+        ({"explained": 0.8, "identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside seems to add"),
+        ({"outside": 1.8, "identified": True}, "backlash", "the loop would not hunt without it"),
+        ({"outside": 2.2, "identified": True}, "unknown", "hide its swing"),
     ],
 )
-def test_a_gap_that_is_not_identified_is_blamed_where_the_model_is_clear(
-    restless, monkeypatch, without, explained, share, cause, says
+def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
+    restless, monkeypatch, changes, cause, says
 ):
-    """share: of the command's swing, the gap; without: the factor on the gain at which the loop hunts without it."""
+    """Of the model: the factor on its gain at which it hunts without its gap, and the size of its swing.
+
+    size, outside: swings of model and disturbance over that of the log; share: of the command's swing that the gap is.
+    """
+    one = {"without": None, "size": 1.0, "share": 0.5, "explained": 1.0, "outside": 0.0, "identified": False} | changes
     grid, measures = restless
     values, swing = grid.values, measures.swing
     loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.05, 90.0, 15.0, grid.on)
-    loop = loop._replace(backlash=share * measures.command_swing, plant=loop.plant._replace(explained=explained))
+    loop = loop._replace(
+        backlash=one["share"] * measures.command_swing, plant=loop.plant._replace(explained=one["explained"])
+    )
+    time = np.arange(loop.day.disturbance.size) * loop.plant.step
+    wave = 0.5 * one["outside"] * swing.peak_to_peak * np.sin(2 * np.pi * time / swing.period)
+    loop = loop._replace(day=loop.day._replace(disturbance=wave))
 
     def played(self, backlash, kp=1.0, *_):
-        return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, backlash > 0.0 or kp == without)
+        hunts = backlash > 0.0 or kp == one["without"]
+        return Outcome(1.0, 0.5 * one["size"] * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
     monkeypatch.setattr(FittedLoop, "played", played)
     monkeypatch.setattr("fastcoil.measured.cause.FULL_SWING", 2.0)
-    said = cause_of(measures, loop, identified=False)
+    said = cause_of(measures, loop, identified=one["identified"])
     assert said.name == cause
     assert says in said.because
 
