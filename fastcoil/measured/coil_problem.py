@@ -18,7 +18,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.loops.simulate import within
 from fastcoil.measured.agreement import require_agreement
-from fastcoil.measured.least_squares import FORBIDDEN, Estimate, Model, Uncertainty, minimise, uncertainty
+from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.measured.part import Part, unbroken
 from fastcoil.model import moist_air
 from fastcoil.model.engine.lanes import parameter_matrix
@@ -267,12 +267,7 @@ class CoilProblem:
 
         def residuals(sets: Array) -> Array:
             run = part.run(self.coupling @ sets)
-            rows = [
-                np.where(used[:, None], run[name] - np.where(used, measured, 0.0)[:, None], 0.0)
-                for name, measured, used in compared
-            ]
-            r = np.concatenate(rows)
-            return np.where(np.isfinite(r), r, FORBIDDEN)
+            return np.concatenate([run[name] - measured[:, None] for name, measured, _ in compared])
 
         low = self._least_C_w()
         lower = np.array([low, low - 5.0, -5.0, -2.0, -5.0, -2.0, -5.0, -2.0])

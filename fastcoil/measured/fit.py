@@ -56,7 +56,7 @@ class Fit(Result):
         DataArrays (``parameter``, ``parameter_2``) over the estimated parameters.
     profile
         Dataset over ``backlash``: least RMSE of the fitted part with the backlash held at each value, and the ``limit``
-        that the 95 % interval stays below.  None for a coil.
+        that it stays below in the 95 % interval, if parts of the log do not widen that.  None for a coil.
     residuals
         Dataset over ``elapsed_time``: measured and modelled values, their difference, the ``part`` (fit, validation,
         unused), the ``batch`` (unbroken piece), the ``row`` in the file, and the name of the ``log``; seconds

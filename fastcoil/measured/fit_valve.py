@@ -75,11 +75,10 @@ def fit_valve(
         that is fitted.  The rest is held back for validation.
     validation
         Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
-        ``fit_until``.  It has no influence on the parameters; what is held back has a time shift of its own, estimated
-        on its flows, and ``rmse["validation_as_logged"]`` is its error without that.
+        ``fit_until``.  What is held back has no influence on the fit.
     lag
-        Seconds by which the flow is logged after the command, negative if before; ``auto``: estimated per
-        piece of the log, reported, removed.
+        Seconds by which the flow is logged after the command, negative if before; ``auto``: estimated for each piece
+        of the part that is fitted, reported, removed; what is held back is moved like the last of them.
     holds
         ``command`` if the command holds from row to row, as in a test of the valve; else a controller may move it
         between the rows, and the interval of the backlash allows for that.
@@ -117,13 +116,12 @@ def fit_valve(
     data = part.read(log, _WANTED, how, _in_order)
     _check(data, floor, m_max)
     if isinstance(lag, float):
-        data = with_lag(data, lag)
+        data = with_lag(data, lag, part.fitted(data))
     problem = ValveProblem(data, floor, settle, part)
-    as_logged = problem.command
     if lag == "auto":
         moved = without_lag(data, problem.good, problem.fitting)
         problem = problem if moved is data else ValveProblem(moved, floor, settle, part)
-    return _fit_of(problem, problem.solve(m_max, initial), as_logged, holds is not None, started)
+    return _fit_of(problem, problem.solve(m_max, initial), holds is not None, started)
 
 
 def _lag_of(lag: Any) -> float | str:
@@ -168,11 +166,6 @@ def _check(data: Log, floor: float | None, m_max: float | None) -> None:
         raise InputError(problems)
 
 
-def _is_inverted(command: Array, flow: Array) -> bool:
-    with np.errstate(invalid="ignore", divide="ignore"):  # a command that is constant here
-        return float(np.corrcoef(command, flow)[0, 1]) < _INVERTED
-
-
 def has_live_zero(command: Array, flow: Array) -> bool:
     """Whether the samples look like a signal of 2-10 V that was read as 0-10 V: closed at 20 %, never below."""
     least = float(command.min())
@@ -181,16 +174,13 @@ def has_live_zero(command: Array, flow: Array) -> bool:
     return bool(_LIVE_ZERO[0] <= least <= _LIVE_ZERO[1] and command.max() > _FAR and closed)
 
 
-def _fit_of(problem: ValveProblem, solution: ValveSolution, as_logged: Array, holds: bool, started: float) -> Fit:
-    """The fit with everything a user may ask of it.
-
-    as_logged: (n,), the command before its shift was taken out.  holds: the command holds between the rows.
-    """
+def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
+    """The fit with everything a user may ask of it; ``holds``: the command holds between the rows."""
     best, spread, profiled, notes = solution.estimate, solution.uncertainty, solution.profile, problem.notes
     fitted = problem.good & problem.fitting
     command, flow = problem.command[fitted], problem.flow[fitted]
     natural = np.where(LOGS, np.exp(best.x[:5]), best.x[:5])
-    inverted = _is_inverted(command, flow)
+    inverted = bool(np.corrcoef(command, flow)[0, 1] < _INVERTED)
     found = judged(problem, solution, holds or inverted or problem.data.change_of_value)
     of_signal = []
     if inverted:
@@ -216,11 +206,11 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, as_logged: Array, ho
     intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(LOGS[k])) for k in estimated}
     if not found.why:
         intervals["backlash"] = found.interval
-    # the deviation of the backlash is as much larger as its interval has become
-    width, profiled_width = (high - low for low, high in (found.interval, profiled.interval))
+    # the deviation of the backlash belongs to its interval
+    width = 0.5 * (found.interval[1] - found.interval[0]) / max(half[X_BL], 1e-12)
     scale = np.where(LOGS, natural, 1.0)
-    factor = np.where(np.arange(5) == X_BL, max(width / max(profiled_width, 1e-12), 1.0), 1.0)
-    covariance = spread.covariance[:5, :5] * np.outer(scale, scale) * np.outer(factor, factor)
+    scale[X_BL] = max(1.0, width)
+    covariance = spread.covariance[:5, :5] * np.outer(scale, scale)
 
     parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
     if found.why:
@@ -231,6 +221,9 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, as_logged: Array, ho
     reach = float(problem.command[: problem.n_fit].max())
     if reach < 0.9:
         notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
+    if problem.n_reversals > 1:
+        parts = ", ".join(f"{100 * x:.3g}" for x in profiled.parts)
+        notes.append(f"parts of the log, one after the other, give a backlash of {parts} %")
     notes += [*of_signal, *filter(None, [found.note])]
     both = np.stack([best.x, solution.without_backlash.x], axis=1)
     start = np.full((int(problem.batch[-1]) + 1, 2), 0.5)  # unknown for a batch held back
@@ -239,11 +232,6 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, as_logged: Array, ho
     with_it, without = modelled.T
     part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
     rmse = rmse_of(part, {"": with_it - problem.flow, "_without_backlash": without - problem.flow})
-    if ((problem.command != as_logged) & ~problem.fitting).any():
-        # the shift of the part held back comes from its own flows
-        _, plain = problem.flows(both[:5, :1], start[:, :1], np.where(problem.fitting, problem.command, as_logged))
-        plain[problem.fitting] = np.nan
-        rmse |= rmse_of(part, {"_as_logged": plain[:, 0] - problem.flow})
     notes += poor(rmse, flow, "m_w", "units, columns, and whether the pump ran")
     n_compared = solution.model.used.sum()
     limit = math.sqrt(profiled.limit / n_compared)

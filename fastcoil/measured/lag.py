@@ -69,12 +69,9 @@ class _Curve(NamedTuple):
 class _Sums(NamedTuple):
     """What the search needs of some pieces of a log."""
 
-    lags: Index  # that are tried, samples, (lags,)
+    lags: Array  # that are tried, samples, (lags,)
     products: Array  # of the curve's terms and the flow, (pieces, lags, backlashes, knots + 1, knots + 1)
     counts: Array  # samples in each, (pieces, lags)
-
-    def of(self, which: Mask) -> _Sums:
-        return self._replace(products=self.products[which], counts=self.counts[which])
 
     def curve(self, chosen: Index) -> _Curve:
         """The best curve with each piece at its lag, an index in ``lags``."""
@@ -117,7 +114,7 @@ class _Sums(NamedTuple):
             ways.append((_PRICE * changes + cost, chosen, curve))
         return min(ways, key=lambda one: float(one[0]))[1:]
 
-    def worthwhile(self, chosen: Index, curve: _Curve) -> Index:
+    def worthwhile(self, chosen: Index, curve: _Curve) -> Array:
         """The lag of each piece in samples, 0 where a run of pieces with one lag gains little by it."""
         errors = _errors_of(self.products[:, :, curve.backlash], curve.flows)
         kept, none = self.lags[chosen], int(np.flatnonzero(self.lags == 0)[0])
@@ -140,44 +137,37 @@ def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
     return command, outside
 
 
-def with_lag(log: Log, lag: float) -> Log:
+def with_lag(log: Log, lag: float, fitting: Mask) -> Log:
     """The log with the command that was given ``lag`` seconds before each flow."""
     note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
-    return log if lag == 0.0 else _moved(log, np.full(log.time.size, lag), [note])
+    return log if lag == 0.0 else _moved(log, np.full(log.time.size, lag), fitting, [note])
 
 
 def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     """The log with the shift of each piece taken out, and a note of it; itself if it has none.
 
-    good, fitting: (n,), samples that may be compared, and those of the part to fit; what follows that part has no
-    influence on its shifts.
+    good, fitting: (n,), samples that may be compared, and those of the part to fit.  Shifts are found in that part
+    alone; what follows it is moved like its last piece.
     """
-    step = step_of(log, fitting)
-    pieces = unbroken(log.batch, fitting)
-    number = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
-    is_fitted = np.array([fitting[piece[0]] for piece in pieces])
-    tried, lags, memory, worth = _lags_to_try(log, good & fitting, step), np.zeros(len(pieces)), 0.0, 1.0
+    part, used, step = log.where(fitting), good[fitting], step_of(log, fitting)
+    tried, memory, worth = _lags_to_try(part, used, step).astype(float), 0.0, 1.0
     for is_white in (False, True):  # first how the residuals are correlated, then with that taken out
-        sums = _sums(log, good, step, pieces, tried, memory)
-        fitted = sums.of(is_fitted)
-        chosen, curve = fitted.search(worth)
-        lags[is_fitted] = tried[chosen]
-        rho = _correlation(log, good & fitting, lags[number] * step, curve, memory)
+        sums = _sums(part, used, step, unbroken(part.batch), tried, memory)
+        chosen, curve = sums.search(worth)
+        rho = _correlation(part, used, tried[chosen][part.batch] * step, curve, memory)
         if is_white:
             worth = max(1.0 + 2.0 * float(rho.sum()), 1.0)
         elif rho.size:
             memory = min(float(rho[0]), _MOST_MEMORY)
-    chosen, curve = fitted.search(worth)
-    lags[is_fitted] = fitted.worthwhile(chosen, curve)
-    if not is_fitted.all():
-        rest = sums.of(~is_fitted)
-        lags[~is_fitted] = rest.worthwhile(rest.cheapest(curve, worth), curve)
-    shifts = lags[number]
-    return _moved(log, shifts * step, _in_words(log, shifts, step)) if shifts.any() else log
+    shifts = sums.worthwhile(*sums.search(worth))[part.batch]
+    shifts = np.pad(shifts, (0, log.time.size - shifts.size), mode="edge")
+    return _moved(log, shifts * step, fitting, _in_words(log, shifts, step)) if shifts.any() else log
 
 
-def _moved(log: Log, lag: Array, notes: list[str]) -> Log:
+def _moved(log: Log, lag: Array, fitting: Mask, notes: list[str]) -> Log:
     command, outside = delayed(log, lag)
+    # commands of the part held back have no influence on the fit
+    command[fitting], outside[fitting] = delayed(log.where(fitting), lag[fitting])
     values = log.values | {"command": command, "m_w": np.where(outside, np.nan, log.values["m_w"])}
     return replace(log, values=values, notes=log.notes + notes)
 
@@ -197,7 +187,7 @@ def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
     return notes
 
 
-def _sums(log: Log, good: Mask, step: float, pieces: list[Index], lags: Index, memory: float) -> _Sums:
+def _sums(log: Log, good: Mask, step: float, pieces: list[Index], lags: Array, memory: float) -> _Sums:
     """Sums of products of the curve's terms and the flow in each piece, behind each lag and backlash.
 
     memory: of the residuals, from one sample to the next; that share of the sample before is subtracted from each.

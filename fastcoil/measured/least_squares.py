@@ -30,10 +30,10 @@ _TINY = 1e-300
 class Model:
     """A least-squares problem whose residuals are known for many parameter sets at once.
 
-    residuals: (p, sets) → (n, sets), 0 at samples that are not compared.  lower, upper, step: (p,), the bounds and the
-    steps of the central differences.  segment: (n,), number of the unbroken piece of each sample.  used: (n,), which
-    samples are compared.  The last parameters may be ``nuisance``: one for each segment, acting on its samples only, so
-    that all of them share one pair of lanes.
+    residuals: (p, sets) → (n, sets).  lower, upper, step: (p,), the bounds and the steps of the central differences.
+    segment: (n,), number of the unbroken piece of each sample.  used: (n,), which samples are compared.  The last
+    parameters may be ``nuisance``: one for each segment, acting on its samples only, so that all of them share one
+    pair of lanes.
     """
 
     residuals: Callable[[Array], Array]
@@ -47,6 +47,11 @@ class Model:
     @property
     def n_common(self) -> int:
         return self.lower.size - self.n_nuisance
+
+    def compared(self, sets: Array) -> Array:
+        """Residuals (n, sets) of parameter sets (p, sets), 0 at samples that are not compared."""
+        r = self.residuals(sets)
+        return np.where(self.used[:, None], np.where(np.isfinite(r), r, FORBIDDEN), 0.0)
 
 
 @dataclass(frozen=True)
@@ -69,8 +74,7 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
         step = model.step[which]
         sets[which, 1 + 2 * k] = np.minimum(x[which] + step, model.upper[which])
         sets[which, 2 + 2 * k] = np.maximum(x[which] - step, model.lower[which])
-    found = model.residuals(sets)
-    found = np.where(np.isfinite(found), found, FORBIDDEN)
+    found = model.compared(sets)
     J = np.zeros((found.shape[0], p))
     forbidden = np.atleast_1d((np.abs(found) >= FORBIDDEN).any(axis=0))
     for k in range(pairs):
@@ -90,8 +94,7 @@ def _screened(model: Model, starts: Array) -> Array:
     """Residual sum of squares of every start (p, sets)."""
     sums = []
     for first in range(0, starts.shape[1], _SCREENED_AT_ONCE):
-        r = model.residuals(starts[:, first : first + _SCREENED_AT_ONCE])
-        r = np.where(np.isfinite(r), r, FORBIDDEN)
+        r = model.compared(starts[:, first : first + _SCREENED_AT_ONCE])
         sums.append(np.einsum("ij,ij->j", r, r))
     return np.concatenate(sums)
 

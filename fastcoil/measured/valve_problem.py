@@ -5,6 +5,7 @@ the noise of the meter, widens the interval of the backlash; where it is much, t
 """
 
 import math
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -31,7 +32,9 @@ _BIN, _BIN_SAMPLES = 0.05, 3
 _FEWEST_REVERSALS = 2
 FEWEST_SAMPLES = 20
 _PROFILE_POINTS, _FINE_POINTS = 25, 12
-X_BL, M_MAX = 0, 1
+_PART_SAMPLES, _PARTS, _PART_STEPS = 30, (4, 6), 25
+_CALIBRATED = 1.6  # widens what parts say until the halves of simulated logs lie in each other's interval
+X_BL, M_MAX, _SHAPE = 0, 1, (2, 3, 4)
 LOGS = np.array([False, True, True, True, False])
 """Which of backlash, m_max, a, b, c are searched by their logarithm."""
 
@@ -115,11 +118,16 @@ def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide
 
 
 class BacklashProfile(NamedTuple):
-    """Least sum of squares with the backlash held at each value of ``grid``, (n,), and the 95 % interval."""
+    """Least sum of squares with the backlash held at each value of ``grid``, (n,), and the 95 % interval.
+
+    limit: the sum below which the interval lies if errors of the flow are all that is wrong.  parts: the backlash of
+    each part of the log; where they differ by more than that explains, the interval is wider.
+    """
 
     grid: Array
     sums: Array
-    limit: float  # the sum that the interval stays below
+    limit: float
+    parts: Array
     interval: tuple[float, float]
 
 
@@ -176,10 +184,9 @@ class ValveProblem:
         """The least-squares problem of the part to fit, and the indices of the parameters held in it."""
         n, n_pieces = self.n_fit, self.n_pieces
         used = self.good[:n] & self.fitting[:n]
-        measured = np.where(used, self.flow[:n], 0.0)[:, None]
 
         def residuals(sets: Array) -> Array:
-            return np.where(used[:, None], self.flows(sets[:5], sets[5:], self.command[:n])[1] - measured, 0.0)
+            return self.flows(sets[:5], sets[5:], self.command[:n])[1] - self.flow[:n, None]
 
         top = math.log(self.top)
         lower = np.array([0.0, top - 1.0, math.log(0.01), math.log(0.5), -2.0, *[0.0] * n_pieces])
@@ -217,7 +224,9 @@ class ValveProblem:
                 break
             best = minimise(model, np.stack([best.x, minima[int(sums.argmin())].x], axis=1), fixed)
         limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
-        found = BacklashProfile(grid, sums, limit, _interval(grid, sums, best, limit))
+        parts = _of_parts(model, best, fixed)
+        between = _CALIBRATED * spread.quantile(parts.size - 1) * float(parts.std(ddof=1)) / math.sqrt(parts.size)
+        found = BacklashProfile(grid, sums, limit, parts, _interval(grid, sums, best, limit, between))
         return ValveSolution(model, best, spread, found, minima[0], fixed)
 
 
@@ -231,9 +240,10 @@ def _grid(best: Estimate, spread: Uncertainty) -> Array:
     return np.unique(np.round(np.concatenate([np.linspace(0.0, top, _PROFILE_POINTS), fine]), 6))
 
 
-def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[float, float]:
-    """Where the profile stays below its limit, between the outermost crossings."""
-    x, y = np.append(grid, best.x[X_BL]), np.append(sums, best.rss)
+def _interval(grid: Array, sums: Array, best: Estimate, limit: float, between: float) -> tuple[float, float]:
+    """Where the profile stays below its limit, between the outermost crossings; ``between`` at least on both sides."""
+    middle = float(best.x[X_BL])
+    x, y = np.append(grid, middle), np.append(sums, best.rss)
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
     inside = np.flatnonzero(y <= limit)
@@ -243,7 +253,20 @@ def _interval(grid: Array, sums: Array, best: Estimate, limit: float) -> tuple[f
             return float(x[last])
         return float(x[last] + (x[beyond] - x[last]) * (limit - y[last]) / max(y[beyond] - y[last], 1e-300))
 
-    return crossing(int(inside[0]), int(inside[0]) - 1), crossing(int(inside[-1]), int(inside[-1]) + 1)
+    low, high = (crossing(int(inside[end]), int(inside[end]) + way) for end, way in ((0, -1), (-1, 1)))
+    return max(min(low, middle - between), 0.0), min(max(high, middle + between), LARGEST_BACKLASH)
+
+
+def _of_parts(model: Model, best: Estimate, fixed: list[int]) -> Array:
+    """The backlash of each of some parts of the log, one after the other, (parts,), behind a curve of one shape."""
+    count = np.cumsum(model.used) - 1
+    n_parts = int(np.clip(count[-1] // _PART_SAMPLES, *_PARTS))
+    number = np.maximum(count, 0) * n_parts // (count[-1] + 1)
+    found = [
+        minimise(replace(model, used=model.used & (number == k)), best.x[:, None], [*fixed, *_SHAPE], _PART_STEPS)
+        for k in range(n_parts)
+    ]
+    return np.array([one.x[X_BL] for one in found])
 
 
 _LEAST_MOVING = 0.4  # a controller may move the valve between the rows where the command changes at this share of them

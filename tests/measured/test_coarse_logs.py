@@ -37,7 +37,7 @@ def solved(log):
 def coarse():
     """A walk of which every third row is logged: what turns between the rows is not seen."""
     rng = np.random.default_rng(31)
-    command = walk(rng, n=600, largest=0.1)
+    command = walk(rng, n=1800, largest=0.1)
     return solved(log_of(command[::3], noisy(rng, flows(command), 0.01)[::3]))
 
 

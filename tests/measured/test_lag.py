@@ -49,14 +49,31 @@ def test_a_shift_from_one_piece_on_is_told_and_taken_out():
     assert left.rmse["fit"] > 2.0 * fit.rmse["fit"]
 
 
-def test_the_error_of_what_is_held_back_is_reported_without_its_own_shift_too():
-    fit = fc.fit_valve(log_in_pieces(1, [0, 0, 0, 1], n=80), split=0.75, holds="command")
-    plain = fc.fit_valve(log_in_pieces(1, [0, 0, 0, 1], n=80), split=0.75, holds="command", lag=0)
-    assert fit.parameters == plain.parameters
-    assert fit.rmse["validation"] < 0.5 * plain.rmse["validation"]
-    assert fit.rmse["validation_as_logged"] == pytest.approx(plain.rmse["validation"], rel=0.02)
-    assert any(line.startswith("RMSE, validation, as logged: ") for line in fit.summary())
-    assert set(fit.rmse) - set(plain.rmse) == {"validation_as_logged"}
+def test_what_is_held_back_is_moved_like_the_last_piece_that_is_fitted():
+    """Its own flows, logged at once, do not say so."""
+    late, none = (fc.fit_valve(log_in_pieces(1, [0, 1, 1, now], n=80), split=0.75, holds="command") for now in (1, 0))
+    assert late.parameters == none.parameters
+    assert late.rmse["validation"] < 1.3 * late.rmse["fit"] < 0.5 * none.rmse["validation"]
+    assert any(
+        note.startswith("from row 80 (piece 2 of 4) to row 319 the flow is logged 1 sample") for note in none.notes
+    )
+
+
+@pytest.mark.parametrize("lag", ["auto", 60.0, -60.0])
+@pytest.mark.parametrize("shift", [1, -1, 0])
+def test_nothing_that_is_held_back_changes_a_bit_of_the_fit(shift, lag):
+    """Neither flows nor commands, also where a flow is logged before its command and that one is held back."""
+    log, other = (log_in_pieces(seed, [shift], n=300) for seed in (7, 8))
+    for name in ("command", "m_w"):
+        other[name][:180] = log[name][:180]
+    one, two = (fc.fit_valve(data, split=0.6, lag=lag, holds="command") for data in (log, other))
+    for name in ("parameters", "intervals", "standard_errors", "held", "n_used", "n_effective"):
+        assert getattr(one, name) == getattr(two, name), name
+    assert one.rmse["fit"] == two.rmse["fit"]
+    assert one.profile.identical(two.profile)
+    assert one.rmse["validation"] != two.rmse["validation"]
+    moved = [any(note.startswith("throughout the flow is logged 1 sample") for note in fit.notes) for fit in (one, two)]
+    assert moved == [lag == "auto" and shift != 0] * 2
 
 
 @pytest.mark.parametrize(
@@ -96,7 +113,7 @@ def test_no_shift_is_found_where_there_is_none():
 
 
 def test_a_given_lag_is_taken_as_it_is():
-    log = log_in_pieces(4, [2, 2])
+    log = log_in_pieces(4, [2, 2, 2])
     fit = fc.fit_valve(log, split=1.0, lag=np.float32(120.0), holds="command")
     assert "the flow is compared with the command 120 s before it, as given" in fit.notes
     assert fit.parameters["backlash"] == pytest.approx(VALVE_TRUTH["backlash"], abs=0.01)

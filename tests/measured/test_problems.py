@@ -34,12 +34,12 @@ def searched(problem, values):
 
 def assert_jacobian_is_of_single_runs(model, x):
     r, J = evaluate(model, x)
-    np.testing.assert_array_equal(r, model.residuals(x[:, None])[:, 0])
+    np.testing.assert_array_equal(r, model.compared(x[:, None])[:, 0])
     for k in range(x.size):
         up, down = x.copy(), x.copy()
         up[k] += model.step[k]
         down[k] -= model.step[k]
-        single = (model.residuals(up[:, None]) - model.residuals(down[:, None]))[:, 0] / (up[k] - down[k])
+        single = (model.compared(up[:, None]) - model.compared(down[:, None]))[:, 0] / (up[k] - down[k])
         np.testing.assert_allclose(J[:, k], single, rtol=1e-9, atol=1e-9)
 
 
@@ -138,7 +138,7 @@ def test_an_unstable_trial_set_gets_a_large_residual_and_its_neighbours_do_not()
     model = problem.model()
     good = searched(problem, COIL_TRUTH)
     bad = searched(problem, COIL_TRUTH | {"C_c": 1.5})
-    r = model.residuals(np.stack([good, bad, good], axis=1))
+    r = model.compared(np.stack([good, bad, good], axis=1))
     assert (np.abs(r[model.used, 1]) == FORBIDDEN).all()
     np.testing.assert_array_equal(r[:, 0], r[:, 2])
     assert np.abs(r[:, 0]).max() < 1.0

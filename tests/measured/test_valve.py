@@ -3,6 +3,7 @@
 import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.shared_data import measured
@@ -245,21 +246,32 @@ def test_the_figure_shows_measured_and_fitted_flow_of_both_parts_over_their_diff
 # ----------------------------------------------------------------------------------------------------------- real data
 
 
-def test_on_a_hospitals_ahu_the_backlash_model_beats_the_one_without():
-    """Maddalena et al. (2022): batches 0-12 are fitted, 13-25 tested, whose flow is logged one sample late."""
-    fit = fc.fit_valve(
-        measured("riskbr_ahu1.csv"),
-        columns={"elapsed_time": "time_s", "command": "valve_pos_deg", "m_w": "water_flow_l_min", "batch": "batch"},
-        units={"elapsed_time": "s", "command": "deg", "m_w": "L/min"},
-        split=0.5,
-        jumps="split",
-        holds="command",
+def test_on_a_hospitals_ahu_each_half_holds_the_other_and_validates_itself():
+    """Maddalena et al. (2022): batches 0-12 and 13-25; in the second half the flow is logged one sample late."""
+    log = pd.read_csv(measured("riskbr_ahu1.csv"))
+    reading = {
+        "columns": {"elapsed_time": "time_s", "command": "valve_pos_deg", "m_w": "water_flow_l_min", "batch": "batch"},
+        "units": {"elapsed_time": "s", "command": "deg", "m_w": "L/min"},
+        "jumps": "split",
+        "holds": "command",
+    }
+    first, second = log[log["batch"] < 13], log[log["batch"] >= 13]
+    whole, one, two = (fc.fit_valve(each, split=1.0, **reading) for each in (log, first, second))
+    assert one.backlash == pytest.approx(0.148, abs=5e-4)
+    assert two.backlash == pytest.approx(0.135, abs=5e-4)
+    for fit, interval in ((whole, (0.107, 0.171)), (one, (0.125, 0.171)), (two, (0.091, 0.179))):
+        low, high = fit.intervals["backlash"]
+        assert (low, high) == pytest.approx(interval, abs=1e-3)
+        assert all(low < other.backlash < high for other in (whole, one, two))
+        assert fit.rmse["fit"] < 0.9 * fit.rmse["fit_without_backlash"]
+        assert any("0.1043 kg/s" in note and "floor" in note for note in fit.notes)
+    assert not any("logged" in note for note in one.notes)
+    assert any(
+        note.startswith("throughout the flow is logged 1 sample (600 s) after the command") for note in two.notes
     )
-    (shift,) = [note for note in fit.notes if "logged" in note]
-    assert shift.startswith("from row 3706 (piece 14 of 27) to row ")
-    assert "the flow is logged 1 sample (600 s) after the command" in shift
-    assert fit.rmse["validation"] < 0.18
-    assert fit.rmse["validation_as_logged"] == pytest.approx(0.246, abs=0.002)
-    assert fit.rmse["validation"] < 0.9 * fit.rmse["validation_without_backlash"]
-    assert 0.12 < fit.parameters["backlash"] < 0.18
-    assert any("0.1043 kg/s" in note and "floor" in note for note in fit.notes)
+    for each in (log, first, second):
+        fit = fc.fit_valve(each, split=0.5, **reading)
+        assert fit.rmse["validation"] < 0.95 * fit.rmse["validation_without_backlash"]
+    late = fc.fit_valve(log, split=0.5, **reading)
+    assert late.parameters == one.parameters
+    assert late.rmse["validation"] == pytest.approx(0.246, abs=0.002)
