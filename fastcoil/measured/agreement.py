@@ -29,6 +29,9 @@ _UNANSWERED, _UNANSWERED_PER_SECOND = 0.015, 1 / 2000
 """Share of the variance of the command's changes that the PI of its own temperature leaves at most, in a fast log and
 for each second between samples; so much more without a set-point.  Chosen on other valves than those of the table
 ``claims_misled``, which says how often other plants pass."""
+_FORGOTTEN, _LITTLE = 0.25, 0.005
+"""Correlation of what the PI leaves with what it leaves a window later, as that of another plant's temperature has and
+noise has not; share of the variance below which it does not count."""
 
 
 def require_agreement(log: Log) -> list[str]:
@@ -88,6 +91,13 @@ class Law(NamedTuple):
     late: int  # samples by which the temperature stands late beside the command; negative: early
     share: float  # of the variance of the command's changes; NaN if too few can be compared
     least: float  # share that the command's own temperature explains
+    ti: float = np.nan  # s; below 0, the command moves before the temperature that it answers
+    memory: float = 0.0  # correlation of what it leaves with what it leaves a window later
+
+    @property
+    def is_another(self) -> bool:
+        """Whether the command answers another temperature, or under another law."""
+        return self.share < self.least or (self.memory > _FORGOTTEN and 1.0 - self.share > _LITTLE)
 
 
 NO_LAW = Law(0, np.nan, 0.0)
@@ -132,7 +142,7 @@ def implied_law(
         return at_all if at_all.share >= at_all.least else NO_LAW
     values = np.diff(np.unique(command[compared]))
     rounding = min(float(values.min()), _COARSEST) ** 2 / 6.0  # variance of a change, of its rounding alone
-    left = {}
+    left, ti, memory = {}, {}, {}
     for late in sorted(range(-farthest, farthest + 1), key=abs):
         at = first + late
         X = changes(at) - changes(at - width) if before else changes(at)
@@ -143,11 +153,15 @@ def implied_law(
             usual = np.abs(rest) <= np.quantile(np.abs(rest), _USUAL_TWICE if before else _USUAL)
         variance = float(np.sum((moved[usual] - moved.mean()) ** 2))
         unexplained = max(float(np.sum(rest[usual] ** 2)) - rounding * usual.sum(), 0.0)
-        left[late] = unexplained / max(variance, 1e-300)
+        left[late], ti[late] = unexplained / max(variance, 1e-300), float(solved[0] / solved[1])
+        a_window = at[width:] - at[:-width] == width
+        of_usual = np.where(usual, rest, 0.0)
+        again = float(of_usual[width:][a_window] @ of_usual[:-width][a_window])
+        memory[late] = again / max(float(of_usual @ of_usual), 1e-300)
     best = min(left, key=lambda late: left[late])
     late = best if _CLEARER * left[best] < left[0] else 0
     least = 1.0 - max(_UNANSWERED, _UNANSWERED_PER_SECOND * interval) - (_UNANSWERED if before else 0.0)
-    return Law(late, 1.0 - left[late], least)
+    return Law(late, 1.0 - left[late], least, ti[late], memory[late])
 
 
 def _shortly_after(changed: Mask, samples: int) -> Mask:

@@ -177,9 +177,10 @@ def _evidence(gram: Array, product: Array, total: float, freedom: int) -> Array:
 CANDIDATES = np.arange(0.0, 0.2501, 0.0025)  # sizes that are tried, fractions of stroke
 SURE = 0.95  # probability of being right from which a size counts as identified
 CONFIDENCE = 0.95  # of the interval
-WEIGHT, WEIGHT_REACTION, WEIGHT_POOLED = 0.8, 0.3, 0.4
-"""Share of the log-likelihood that counts, without and with the reaction, and with it where days are pooled: residuals
-are neither independent nor normal.  Chosen on separate populations, see ``studies/diagnosis/diagnosis.py``."""
+WEIGHT, WEIGHT_REACTION, WEIGHT_POOLED = 0.8, 0.3, 0.6
+"""Share of the log-likelihood that counts, without and with the reaction, and with it where many days are pooled:
+residuals are neither independent nor normal.  Chosen on populations of other seeds than ``studies/diagnosis`` has."""
+MANY_DAYS = 4
 TOLERANCE, GOOD = 0.2, 0.01
 """A size is known if it is right to this share of itself or of the stroke; up to ``GOOD`` a valve is called good."""
 LEAST_ODDS = 300.0
@@ -196,7 +197,11 @@ SHIFTS, MOST_SHIFTED, LEAST_FORWARD = (60.0, 120.0, 180.0), 10.0, 10.0
 the logarithm of the likelihood may rise, and by how much it has to exceed that of placebos."""
 MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
 """Share of the samples at which the command may move back what it moved the sample before; the share of the likelihood
-that counts of a log with more."""
+that counts of a log with more, which claims nothing alone."""
+_JUMPS = (
+    "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log as often "
+    "as the controller acts, say its sample time, and change the set-point up and down, or give four days or more"
+)
 
 
 class Identification(NamedTuple):
@@ -223,6 +228,7 @@ class Shown(NamedTuple):
     counts: float = 1.0  # share of the likelihood that counts, less where the valve moves between the samples
     late: float = 0.0
     lost: float = 0.0  # share of the gap that turns between the samples may hide
+    is_jumpy: bool = False  # whether the command jumps to and fro, and so few days claim nothing
 
 
 def identify_backlash(*log: Any, **known: Any) -> Identification:
@@ -233,17 +239,20 @@ def identify_backlash(*log: Any, **known: Any) -> Identification:
 def backlash_of(days: Sequence[Shown]) -> Identification:
     """The backlash of a valve from what each of its days shows: one gap, a plant of its own every day.
 
-    Days with a doubt do not count where half of the days or more have none.
+    Days with a doubt do not count where half of the days or more have none.  Where there are many, each may show what
+    moved between its samples.
     """
     compared, doubt = [day for day in days if day.found], ""
     if not compared:
         return _cannot(_most_frequent([day.doubt for day in days]))
+    many = len(compared) >= MANY_DAYS
+    compared = [day._replace(doubt=day.doubt or _JUMPS) if day.is_jumpy and not many else day for day in compared]
     sound = [day for day in compared if not day.doubt]
     if 2 * len(sound) >= len(compared):
         compared = sound
     else:
         doubt = _most_frequent([day.doubt for day in compared if day.doubt])
-    steady = WEIGHT_REACTION if len(compared) == 1 else WEIGHT_POOLED
+    steady = WEIGHT_POOLED if many else WEIGHT_REACTION
     logarithm = np.zeros(CANDIDATES.size)
     for day in compared:
         of_ways = [day.counts * (WEIGHT * one.plain if day.provoked else steady * one.reaction) for one in day.found]
@@ -315,21 +324,22 @@ def shown_by(
     doubt, counts = "", min(1.0, HORIZON / interval) if unseen else 1.0
     jumpy = share_to_and_fro(command, in_control(command, good, interval)) > MOST_TO_AND_FRO
     counts *= JUMPY_COUNTS if jumpy else 1.0
-    if law.share < law.least:
+    if law.is_another:
         doubt = (
-            f"a PI of this temperature explains only {100 * law.share:.0f} % of the command's changes: check that both "
+            f"a PI of this temperature explains only {100 * law.share:.3g} % of the command's changes: check that both "
             "are of one loop and one clock; a loop under another law gives no size"
         )
-    elif jumpy and not (provoked and in_step):
+    elif law.ti < -interval:
         doubt = (
-            "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log "
-            "as often as the controller acts, say its sample time, and change the set-point up and down"
+            "the command moves before the temperature that it answers: check that the rows are in the order of time, "
+            "and the clocks of both points"
         )
     elif provoked and (misplaced := _misplaced(compared, samples, interval, n, SHIFTS if lag is None else ())):
         doubt = misplaced
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
-    return Shown(found, provoked, doubt, counts, samples * interval, LOST if unseen and interval > HORIZON else 0.0)
+    lost = LOST if unseen and interval > HORIZON else 0.0
+    return Shown(found, provoked, doubt, counts, samples * interval, lost, jumpy and not (provoked and in_step))
 
 
 def _misplaced(

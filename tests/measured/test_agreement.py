@@ -85,6 +85,30 @@ def test_the_law_that_a_command_implies_shows_the_shift_of_the_clocks(late):
     assert law.share > 0.99 > law.least
 
 
+@pytest.mark.parametrize("with_set_point", [True, False])
+def test_the_law_of_a_log_backwards_has_a_negative_integral_time(with_set_point):
+    """Δu = kp (Δe + ∫e dt / ti): from last to first the changes change sign, the integral does not."""
+    log = loop_log(kp=0.02, ti=80.0, noise=0.02, sample_time=10.0)
+    command, T, T_set = (log[name].values for name in ("command", "T_sup", "T_set"))
+    for way in (1, -1):
+        given = T_set[::way] if with_set_point else None
+        law = implied_law(command[::way], T[::way], given, np.ones(T.size, bool), 10.0)
+        assert law.share > law.least
+        assert way * law.ti == pytest.approx(80.0, rel=0.2)
+
+
+def test_what_a_law_leaves_of_its_own_temperature_is_noise_and_of_another_one_is_not():
+    """The other temperature follows the own one but for a slow difference that explains little."""
+    draw, n, window = np.random.default_rng(3), 1440, np.hanning(18)
+    fast = np.convolve(draw.normal(0.0, 1.0, n + 7), np.ones(8) / 8**0.5, "valid")
+    slow = np.convolve(draw.normal(0.0, 0.1, n + 17), window, "valid")
+    command = 0.5 + 0.005 * (fast + np.cumsum(fast - fast.mean()) * 60.0 / 600.0)
+    for other, is_another in ((draw.normal(0.0, 0.1, n), False), (slow, True)):
+        law = implied_law(command, fast + other, np.zeros(n), np.ones(n, bool), 60.0)
+        assert 0.97 < law.share < 0.995
+        assert law.is_another == is_another
+
+
 def test_a_rounded_command_is_not_missed_as_unexplained(log):
     command, T, T_set = (log[name].values[60:] for name in ("command", "T_sup", "T_set"))
     law = implied_law(np.round(command, 2), T, T_set, np.ones(T.size, bool), 10.0)

@@ -237,9 +237,10 @@ def test_a_command_that_runs_from_end_to_end_is_not_judged():
     assert "runs to its ends" in identify_backlash(command, plant(command, 0.05), INTERVAL, steps()[1]).reason
 
 
-def test_a_log_coarser_than_the_controller_counts_for_less():
+def test_a_log_coarser_than_the_controller_counts_for_less(monkeypatch):
     command, T_set = steps(hours=12)
     T = plant(command, 0.06, noise=0.04)
+    monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))  # nobody controls it
     given = (command[::6], T[::6], 60.0, T_set[::6])
     coarse, fine = identify_backlash(*given), identify_backlash(*given, sample_time=60.0)
     assert fine.identified
@@ -279,6 +280,13 @@ def test_a_day_with_a_doubt_does_not_count_beside_others():
     assert backlash_of([Shown([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
 
 
+def test_days_of_a_command_that_jumps_count_where_there_are_four():
+    jumpy = Shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True, is_jumpy=True)
+    assert "to and fro" in backlash_of(3 * [jumpy]).reason
+    assert backlash_of(4 * [jumpy]).backlash == pytest.approx(0.05)
+    assert backlash_of(4 * [jumpy]).identified
+
+
 def test_steady_days_alone_never_show_a_good_valve():
     steady = [Shown([Likelihood(peak(0.0), peak(0.0), 900)]) for _ in range(3)]
     assert "stuck stem" in backlash_of(steady).reason
@@ -286,12 +294,13 @@ def test_steady_days_alone_never_show_a_good_valve():
     assert backlash_of([*steady, stepped]).identified
 
 
-def test_a_log_backwards_in_time_shows_no_gap():
+def test_a_log_backwards_in_time_shows_no_gap(monkeypatch):
     command, T, T_set = controlled(0.07)
     assert identify_backlash(command, T, INTERVAL, T_set).identified
-    found = identify_backlash(command[::-1], T[::-1], INTERVAL, T_set[::-1])
-    assert not found.identified
-    assert "backwards" in found.reason
+    backwards = command[::-1], T[::-1], INTERVAL, T_set[::-1]
+    assert "moves before the temperature that it answers" in identify_backlash(*backwards).reason
+    monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))
+    assert "backwards" in identify_backlash(*backwards).reason
 
 
 def test_a_lag_that_is_given_is_taken_in_place_of_the_one_found():
