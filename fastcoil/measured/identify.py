@@ -180,11 +180,14 @@ CONFIDENCE = 0.95  # of the interval
 WEIGHT, WEIGHT_REACTION, WEIGHT_POOLED = 0.8, 0.3, 0.6
 """Share of the log-likelihood that counts, without and with the reaction, and with it where many days are pooled:
 residuals are neither independent nor normal.  Chosen on populations of other seeds than ``studies/diagnosis`` has."""
-MANY_DAYS = 4
+MANY_DAYS, MOST_STEADY, LEAST_AGREEMENT = 4, 6.0, 2.0
+"""Days from which on they are judged together; days with a constant set-point count as so many at most, since what a
+linear model gets wrong repeats itself; standard errors between them by which they prefer a size to any other."""
 TOLERANCE, GOOD = 0.2, 0.01
 """A size is known if it is right to this share of itself or of the stroke; up to ``GOOD`` a valve is called good."""
 LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
+_IS_GOOD = CANDIDATES <= GOOD + 1e-9
 USUAL_STROKE_TIME = 90.0  # s, where it is not given
 LOST = 0.1
 """Share of itself by which a gap may be larger than is shown by a log whose samples miss turns of the valve."""
@@ -252,15 +255,31 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
         compared = sound
     else:
         doubt = _most_frequent([day.doubt for day in compared if day.doubt])
-    steady = WEIGHT_POOLED if many else WEIGHT_REACTION
-    logarithm = np.zeros(CANDIDATES.size)
-    for day in compared:
-        of_ways = [day.counts * (WEIGHT * one.plain if day.provoked else steady * one.reaction) for one in day.found]
-        logarithm += np.logaddexp.reduce([way - np.logaddexp.reduce(way) for way in of_ways])
+    provoked = any(day.provoked for day in compared)
+    steady = min(WEIGHT_POOLED, MOST_STEADY / len(compared)) if many else WEIGHT_REACTION
+    of_days = np.array([_of_day(day, steady) for day in compared])
+    logarithm = of_days.sum(axis=0)
     probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
-    found = _judged(probability, any(day.provoked for day in compared), doubt)
+    found = _judged(probability, provoked, doubt)
+    if found.identified and many and not provoked and _agreement(of_days, found.backlash) < LEAST_AGREEMENT:
+        found = _judged(probability, provoked, "the days show different gaps: change the set-point up and down on one")
     high = min(found.high + max(day.lost for day in compared) * found.backlash, float(CANDIDATES[-1]))
     return found._replace(high=high, late=_most_frequent([day.late for day in compared]))
+
+
+def _of_day(day: Shown, steady: float) -> Array:
+    """What a day adds to the log-likelihood of each candidate; a constant set-point shows no good valve."""
+    ways = [day.counts * (WEIGHT * one.plain if day.provoked else steady * one.reaction) for one in day.found]
+    shown = np.asarray(np.logaddexp.reduce([way - np.logaddexp.reduce(way) for way in ways]))
+    return shown if day.provoked else np.minimum(shown, shown[~_IS_GOOD].max())
+
+
+def _agreement(of_days: Array, backlash: float) -> float:
+    """By how many standard errors the days prefer a size to the one that they prefer it least to."""
+    others = np.abs(CANDIDATES - backlash) > max(TOLERANCE * backlash, GOOD) + 1e-9
+    preferred = of_days[:, CANDIDATES == backlash] - of_days[:, others]
+    errors = preferred.std(axis=0, ddof=1) / np.sqrt(len(of_days))
+    return float(np.min(preferred.mean(axis=0) / np.maximum(errors, 1e-12)))
 
 
 def _most_frequent(of_days: Sequence[Any]) -> Any:
@@ -387,8 +406,8 @@ def _judged(probability: Array, provoked: bool, doubt: str) -> Identification:
     best = int(probability.argmax())
     if surely[best] < SURE <= surely.max():
         best = int(surely.argmax())
-    backlash, good = float(CANDIDATES[best]), CANDIDATES <= GOOD + 1e-9
-    worse = bool(probability.max() >= LEAST_ODDS * probability[good].max())
+    backlash = float(CANDIDATES[best])
+    worse = bool(probability.max() >= LEAST_ODDS * probability[_IS_GOOD].max())
     if not doubt and backlash <= GOOD and not provoked:
         doubt = "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
     low, high = (0.0, float(CANDIDATES[-1])) if doubt else _interval(probability)

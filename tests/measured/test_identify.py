@@ -287,6 +287,29 @@ def test_days_of_a_command_that_jumps_count_where_there_are_four():
     assert backlash_of(4 * [jumpy]).identified
 
 
+def test_steady_days_acquit_no_valve_that_stepped_days_accuse():
+    """A command that only follows the temperature predicts it as well as an opening without a gap."""
+    trap = np.where(CANDIDATES <= 0.01, 0.0, -80.0)
+    steady = [Shown([Likelihood(trap, trap, 900)]) for _ in range(8)]
+    stepped = Shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True)
+    assert backlash_of([stepped, *steady]).backlash == pytest.approx(0.05)
+
+
+def test_steady_days_that_differ_from_each_other_show_no_gap():
+    def of(sizes):
+        return backlash_of([Shown([Likelihood(peak(0.0), peak(size), 900)]) for size in sizes])
+
+    assert of([0.06, 0.065, 0.06, 0.055, 0.06, 0.065]).backlash == pytest.approx(0.06, abs=0.0025)
+    assert "the days show different gaps" in of([0.06, 0.06, 0.06, 0.12, 0.06, 0.02]).reason
+
+
+def test_more_steady_days_than_ten_count_as_ten():
+    """What the linear model gets wrong is wrong every day."""
+    ten, thirty = (backlash_of(n * [Shown([Likelihood(peak(0.0), peak(0.06), 900)])]) for n in (10, 30))
+    np.testing.assert_allclose(ten.probability, thirty.probability)
+    assert backlash_of(5 * [Shown([Likelihood(peak(0.0), peak(0.06), 900)])]).probability.max() < ten.probability.max()
+
+
 def test_steady_days_alone_never_show_a_good_valve():
     steady = [Shown([Likelihood(peak(0.0), peak(0.0), 900)]) for _ in range(3)]
     assert "stuck stem" in backlash_of(steady).reason
