@@ -8,6 +8,7 @@ valve.  Thresholds of ``agreement``, ``grid`` and ``identify`` were chosen on va
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import pairwise
 from typing import NamedTuple
 from unittest.mock import patch
 
@@ -19,8 +20,9 @@ import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.measured import identify
 from fastcoil.measured.diagnose import WANTED, identified
-from fastcoil.measured.grid import in_a_row, on_grid
+from fastcoil.measured.grid import held, in_a_row, motor_positions, on_grid
 from fastcoil.measured.identify import GOOD, TOLERANCE, Identification
+from fastcoil.measured.part import turns
 from studies.common import write_table
 from studies.days import CONSTANT, STEPPED, of_kind
 from studies.diagnosis.diagnosis import SIMULATED, Population, logs, share, valves
@@ -228,6 +230,30 @@ def pooled(pool: Pool) -> list[str]:
     ]  # fmt: skip
 
 
+TURNS = (0, 1, 10, 100, 1000, 10**9)
+"""Turns of the motor by more than the gap, in all days: groups from one to below the next."""
+
+
+def by_turns(pool: Pool) -> list[list[str]]:
+    """What is claimed of worn valves, by how often the motor turns by more than the gap."""
+    drawn, signals = days_of_valves(pool)
+    worn = np.flatnonzero(drawn["backlash"] > 0.0)
+    counted, claims = np.zeros(worn.size), np.zeros(worn.size, bool)
+    for k, v in enumerate(worn):
+        stroke_time, gap = float(drawn["stroke_time"][v]), float(drawn["backlash"][v])
+        days = [motor_positions(held(command), pool.seconds, stroke_time) for command in signals["command"][:, v]]
+        counted[k] = sum(turns(positions, gap) for positions in days)
+        claims[k] = of_days(pool, signals, int(v), stroke_time).identified
+    groups = [(counted >= low) & (counted < high) for low, high in pairwise(TURNS)]
+    names = ["none", *(f"{low} to {high - 1}" for low, high in pairwise(TURNS[1:-1])), f"{TURNS[-2]} or more"]
+    of_valve = xr.DataArray(claims, dims="sample")
+    return [
+        [name, str(int(group.sum())), share(of_valve, xr.DataArray(group, dims="sample"))]
+        for name, group in zip(names, groups, strict=True)
+        if group.any()
+    ]
+
+
 def main() -> None:
     """Measure both and write the tables."""
     title = f"Logs of {HOURS} h that mislead, and logs in order: {VALVES} valves × 2 days each"
@@ -239,3 +265,8 @@ def main() -> None:
     head = ["days", "logged every", "columns", "claimed", "wrong claims", "right of claimed",
             "interval of claimed covers", "good valves accused"]  # fmt: skip
     write_table("diagnosis/claims_pooled", title, head, Parallel(n_jobs=-1)(delayed(pooled)(pool) for pool in POOLS))
+    title = (
+        f"{POOLS[1].days} steady days of 8 h, logged every {POOLS[1].seconds} s, with air flow and T_in: worn valves"
+    )
+    head = ["turns by more than the gap", "valves", "claimed"]
+    write_table("diagnosis/claims_turns", title, head, by_turns(POOLS[1]))
