@@ -220,6 +220,18 @@ def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
         warnings.warn(doubt, stacklevel=5)
 
 
+def tell_limited(loop: Loop, ds: xr.Dataset) -> None:
+    """Warn of an own estimator whose estimate ends at its limit, as one in per cent does."""
+    names = [name for name, rule in loop.rules.items() if rule.kind == "estimator"]
+    limited = int((ds["estimate_final"] == 1.0).sum()) if names and "estimate_final" in ds else 0
+    if limited:
+        warnings.warn(
+            f"{' or '.join(names)}: the estimate is at its limit of 1 at the end of {limited} of "
+            f"{ds['estimate_final'].size} runs: it is a fraction of the stroke, divide per cent by 100",
+            stacklevel=4,
+        )
+
+
 def _doubts(loop: Loop, boundary: Boundary) -> Iterator[str]:
     """Mismatches of loop and days, a sentence each."""
     actions = np.unique(np.asarray(loop["action"]))

@@ -19,6 +19,7 @@ import xarray as xr
 from fastcoil.base.arguments import checking, flag_of, whole_of
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.clashes import tell_limited
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, Shard, plan_simulation, shards_of, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
@@ -299,6 +300,7 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
     ds = unflatten(flat_dataset(index, found.metrics, found.status, found.traces, plan.traces.interval), plan.layout)
     ds.attrs = attrs
     ds.attrs["content_sha256"] = content_sha256(ds)
+    tell_limited(plan.layout.loop, ds)
     return ds
 
 

@@ -16,6 +16,7 @@ from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_
 from fastcoil.base.errors import InputError, IntegrityError, StorageError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
+from fastcoil.loops.clashes import tell_limited
 from fastcoil.loops.plan import check_disk, check_workers, shards_of
 from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.scenarios import check_same_form
@@ -257,7 +258,9 @@ def _run_and_merge(
         "n_jobs": n_jobs,
         "engine": asked.backend,
     }
-    return Finished(store.path, merge(store, study, manifest, work.computed.parts, speed), n_run)
+    ds = merge(store, study, manifest, work.computed.parts, speed)
+    tell_limited(plan.layout.loop, ds)
+    return Finished(store.path, ds, n_run)
 
 
 def _run(

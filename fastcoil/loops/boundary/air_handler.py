@@ -42,6 +42,12 @@ _BY_MODE: dict[str, tuple[Any, Any]] = {
     "T_set_max": (18.0, 30.0),
     "T_out_min": (16.0, -10.0),
     "T_out_max": (21.0, 15.0),
+    "trim": (0.1, 0.1),
+    "respond": (0.2, 0.2),
+    "respond_max": (0.6, 0.6),
+    "ignored_requests": (2, 2),
+    "trim_delay": (600, 600),
+    "trim_interval": (120, 120),
     "T_w_in": (7.0, 60.0),
     "T_w_min": (7.0, 40.0),
     "T_w_max": (12.0, 60.0),
@@ -68,6 +74,10 @@ _USED_WITH = {
     "T_set": ("set_point", ("fixed",)),
     **dict.fromkeys(
         ("T_set_min", "T_set_max", "T_out_min", "T_out_max"), ("set_point", ("outdoor_reset", "trim_and_respond"))
+    ),
+    **dict.fromkeys(
+        ("trim", "respond", "respond_max", "ignored_requests", "trim_delay", "trim_interval"),
+        ("set_point", ("trim_and_respond",)),
     ),
     "T_w_in": ("water", ("fixed",)),
     **dict.fromkeys(("T_w_min", "T_w_max"), ("water", ("load", "outdoor"))),
@@ -144,7 +154,9 @@ def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
         for name in [name for name in given if name in CONDITIONS and name != "pressure"]:
             left_out = given[name] is None and (name in DEFAULTS["cooling"] or name == "T_design")
             chosen[name] = None if left_out else check(condition_of, name, given[name])
-        chosen |= {name: check(whole_of, name, given[name], *bounds) for name, bounds in _WHOLE.items()}
+        for name, bounds in _WHOLE.items():
+            checked = check.unless_none if name in DEFAULTS["cooling"] else check
+            chosen[name] = checked(whole_of, name, given[name], *bounds)
     given_names = {name for name, value in chosen.items() if value is not None}
     chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
     chosen["mode"] = mode

@@ -60,6 +60,11 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
     zone = _zone_of(times, next(iter(named.values()), ""))
+    _refuse([
+        f"start = {shown(str(time))}: clocks of {zone} are put forward over that time: give one that they show"
+        for time in times
+        if time.tzinfo is None and _is_skipped(time, zone)
+    ])  # fmt: skip
     found = _to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
     if carried.start is not None:
         both = {"start": found, "the first sample": _to_seconds(np.atleast_1d(carried.start))}
@@ -101,6 +106,14 @@ def offset_of(time_zone: str, at: datetime) -> timedelta | None:
         return at.replace(tzinfo=zoneinfo.ZoneInfo(time_zone)).utcoffset() if time_zone else None
     except (zoneinfo.ZoneInfoNotFoundError, ValueError):
         return None
+
+
+def _is_skipped(local: datetime, time_zone: str) -> bool:
+    """Whether clocks of the zone never show a local time."""
+    if _OFFSET.fullmatch(time_zone) or offset_of(time_zone, local) is None:
+        return False
+    zone = zoneinfo.ZoneInfo(time_zone)
+    return local.replace(tzinfo=zone).astimezone(UTC).astimezone(zone).replace(tzinfo=None) != local
 
 
 def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:

@@ -202,6 +202,8 @@ def test_a_study_file_takes_the_same_arguments(tmp_path):
         ({"T_out_min": 22}, ["T_out_min = 22 is not below T_out_max = 21"]),
         ({"T_set_max": 23}, ["T_set_max = 23 degC", "2 K cooler than T_return = 24"]),
         ({"T_set": 14}, ["T_set = 14 has no effect with set_point = 'outdoor_reset'", "'fixed'"]),
+        ({"trim": 0.1}, ["trim = 0.1 has no effect with set_point = 'outdoor_reset'", "'trim_and_respond'"]),
+        ({"trim_delay": 60, "set_point": "fixed"}, ["trim_delay = 60 has no effect with set_point = 'fixed'"]),
         ({"T_w_max": 12}, ["T_w_max = 12 has no effect with water = 'fixed'"]),
         ({"mode": "heating", "set_point": "trim_and_respond"}, ["only cooling has it"]),
         ({"mode": "heating", "economiser": "differential"}, ["only cooling has one"]),

@@ -118,7 +118,8 @@ def test_u_and_estimate_are_limited_to_0_to_1(short):
     def full(now, p, memory):
         return -3.0 if now.t < 600 else np.inf, memory
 
-    ds = fc.simulate(fc.Loop(estimator=large, law=full), short, warm_up=60, traces=["u", "estimate"])
+    with pytest.warns(UserWarning, match="large: the estimate is at its limit of 1 at the end of 1 of 1 runs: it is a"):
+        ds = fc.simulate(fc.Loop(estimator=large, law=full), short, warm_up=60, traces=["u", "estimate"])
     assert [float(ds.u.min()), float(ds.u.max()), float(ds.estimate.max())] == [0.0, 1.0, 1.0]
     assert ds.status == 0
 
