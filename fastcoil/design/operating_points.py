@@ -1,7 +1,7 @@
 """Operating points: the conditions of a sweep, and the hours and set-points of one day."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,15 +52,11 @@ class OperatingPoints:
             self.sizes["elapsed_time"] = self.seconds.size
         self.size = math.prod(self.sizes.values())
 
-    def chunks(self) -> Iterator[Index]:
-        """Flat indices, in ranges that fit into memory."""
-        for start in range(0, self.size, _CHUNK):
-            yield np.arange(start, min(start + _CHUNK, self.size))
-
     def evaluated(self, variables: Evaluation) -> dict[str, Array]:
         """Variables of all points, (size, …) each, computed in parts that fit into memory."""
         found: dict[str, Array] = {}
-        for index in self.chunks():
+        for start in range(0, self.size, _CHUNK):
+            index = np.arange(start, min(start + _CHUNK, self.size))
             columns, conditions = self.columns(index), self.conditions(index)
             for name, values in variables(columns, conditions, plants_of(columns, conditions)):
                 if name not in found:

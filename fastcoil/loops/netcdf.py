@@ -1,6 +1,6 @@
 """NetCDF files: the only module that calls the library to read or write results.
 
-Neither netCDF-C nor HDF5 may be called by two threads at once: ``entered`` holds the lock of xarray's netcdf4 backend,
+Neither netCDF-C nor HDF5 may be called by two threads at once: all hold the lock of xarray's netcdf4 backend,
 so that a user's own datasets wait too; inside, xarray gets no lock, for this one is not reentrant.  Nothing that is
 opened here is left to the garbage collector, which takes no lock.
 
@@ -49,15 +49,8 @@ os.register_at_fork(
 )
 
 
-@contextmanager
-def entered() -> Iterator[None]:
-    """Enter the library: no other thread is in it."""
-    with NETCDF4_PYTHON_LOCK:
-        yield
-
-
 def close(file: netCDF4.Dataset) -> Any:
-    """Close a file, inside ``entered``.  Returns the bytes of one in memory."""
+    """Close a file, with the lock held.  Returns the bytes of one in memory."""
     try:
         return file.close()
     except BaseException:
@@ -87,7 +80,7 @@ def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
 
 
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
-    """Open a file by its name or from its bytes, inside ``entered`` and after a check of their hash.
+    """Open a file by its name or from its bytes, with the lock held and after a check of their hash.
 
     Raises
     ------
@@ -107,7 +100,7 @@ def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Data
     MemoryError
         If it takes more than is available: a small file may hold a large array of one value.
     """
-    with entered():
+    with NETCDF4_PYTHON_LOCK:
         file = parse(source)
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
@@ -122,7 +115,7 @@ def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Data
 
 def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, **options: Any) -> Any:
     ds = with_numbers(ds.compute())  # values may be in another file, behind the same lock
-    with entered():
+    with NETCDF4_PYTHON_LOCK:
         file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
         try:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
@@ -244,7 +237,7 @@ class StoredFile:
 
     def read(self, name: str, shape: tuple[int, ...], key: Any) -> np.ndarray:
         """Read a part of a variable that has a ``shape``; raises as ``check``."""
-        with self._readable(), entered():
+        with self._readable(), NETCDF4_PYTHON_LOCK:
             file = parse(self.path)
             try:
                 variable = file.variables.get(name)

@@ -246,7 +246,7 @@ class Rule:
         return self.__dict__ | {"_made_of": None, "_code": None}
 
 
-def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
+def estimator(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: N803 — classes
     """Make an estimator of your own of a function ``(now, p, memory) -> (estimate, Memory)``.
 
     It is called at every controller sample but the first, before the control law.  Its estimate, a fraction of stroke,
@@ -287,7 +287,7 @@ def estimator(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N
     return _decorator("estimator", Parameters, Memory)
 
 
-def law(Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
+def law(Parameters: Any, Memory: Any = None) -> Callable[[Any], Rule]:  # noqa: N803 — classes
     """Make a control law of your own of a function ``(now, p, memory) -> (u, Memory)``, in place of the PI.
 
     It is called at every controller sample; in ``now``, ``T`` and ``e`` are of this sample, ``u`` and what follows of

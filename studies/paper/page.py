@@ -162,3 +162,24 @@ def _how(card: Mapping[str, Any]) -> Section:
         *((f"content_sha256, {name}", str(found)) for name, found in tunings["content_sha256"].items()),
     )  # fmt: skip
     return Section("How it was computed", [Words(rules), computed, Code(str(card["command"]))])
+
+
+def in_markdown(page: Page) -> str:
+    """The whole page in Markdown; its pictures are the files beside it."""
+    parts = [f"# {page.title}", page.question, *page.warnings, *page.answer]
+    for section in page.sections:
+        parts += [f"## {section.title}", *map(_in_markdown, section.blocks)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _in_markdown(block: Block) -> str:
+    if isinstance(block, Words):
+        return "\n".join(f"* {line}" for line in block.lines) if block.bullets else "\n\n".join(block.lines)
+    if isinstance(block, Picture):
+        return f"![{block.alt}]({block.file})\n\n{block.caption}"
+    if isinstance(block, Code):
+        return "\n".join(["```text", *block.lines, "```"])
+    if not block.head:
+        return "\n".join(f"* {name}: {value}" for name, value in block.rows)
+    rows = "\n".join("| " + " | ".join(row) + " |" for row in (block.head, ["---"] * len(block.head), *block.rows))
+    return "\n\n".join(filter(None, [f"**{block.caption}**", rows, block.note]))

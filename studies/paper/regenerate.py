@@ -15,7 +15,7 @@ from fastcoil.base.text import percent
 from fastcoil.loops.netcdf import save
 from studies.paper import figures, grid
 from studies.paper.grid import KINDS, Days
-from studies.paper.page import captions, paper_page
+from studies.paper.page import captions, in_markdown, paper_page
 from studies.paper.scorecard import scorecard
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def regenerate(
     save_figure("scorecard", figures.shares(card))
     page = paper_page(card, folder)
     texts = {"scorecard.json": json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
-    texts |= {"scorecard.md": page.markdown(), "report.html": page.html()}
+    texts |= {"scorecard.md": in_markdown(page), "report.html": page.html()}
     for name, text in texts.items():
         paths.append(folder / name)
         commit(paths[-1], text.encode())

@@ -57,7 +57,7 @@ def test_an_unwritable_place_is_reported(tmp_path, swept):
 def test_nobody_else_is_in_the_library_while_one_is(swept, tmp_path):
     data, done = netcdf.netcdf_bytes(swept), []
     netcdf.save(swept, tmp_path / "results.nc")
-    with netcdf.entered():
+    with netcdf.NETCDF4_PYTHON_LOCK:
         threads = [
             threading.Thread(target=lambda: done.append(netcdf.load(data))),
             threading.Thread(target=lambda: done.append(netcdf.netcdf_bytes(swept))),
@@ -114,7 +114,7 @@ def test_a_child_of_a_fork_reads_though_another_thread_was_in_the_library(swept)
     data, inside = netcdf.netcdf_bytes(swept), threading.Event()
 
     def stay():
-        with netcdf.entered():
+        with netcdf.NETCDF4_PYTHON_LOCK:
             inside.set()
             time.sleep(0.3)
 

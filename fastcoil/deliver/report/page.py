@@ -188,30 +188,10 @@ class Page:
         sections = [section for section in self.sections if section.blocks]
         return made.get_template("page.html").render(page=self, sections=sections, version=VERSION)
 
-    def markdown(self) -> str:
-        """The whole page in Markdown; its pictures are the files beside it."""
-        parts = [f"# {self.title}", self.question, *self.warnings, *self.answer]
-        for section in self.sections:
-            parts += [f"## {section.title}", *map(_in_markdown, section.blocks)]
-        return "\n\n".join(parts) + "\n"
-
     def write(self, path: Path) -> Path:
         """Write the file, whole or not at all."""
         commit(path, self.html().encode())
         return path
-
-
-def _in_markdown(block: Block) -> str:
-    if isinstance(block, Words):
-        return "\n".join(f"* {line}" for line in block.lines) if block.bullets else "\n\n".join(block.lines)
-    if isinstance(block, Picture):
-        return f"![{block.alt}]({block.file})\n\n{block.caption}"
-    if isinstance(block, Code):
-        return "\n".join(["```text", *block.lines, "```"])
-    if not block.head:
-        return "\n".join(f"* {name}: {value}" for name, value in block.rows)
-    rows = "\n".join("| " + " | ".join(row) + " |" for row in (block.head, ["---"] * len(block.head), *block.rows))
-    return "\n\n".join(filter(None, [f"**{block.caption}**", rows, block.note]))
 
 
 def _shown(value: Any) -> Any:

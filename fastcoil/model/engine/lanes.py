@@ -13,9 +13,6 @@ from fastcoil.model.engine.plant import Stem, stem_stage
 from fastcoil.model.engine.rows import (
     LANES,
     PARAMETER_ROWS,
-    STATE_AT,
-    STATE_ROWS,
-    SUMS_AT,
     T_A,
     T_C,
     T_W,
@@ -318,38 +315,3 @@ def compile_kernel() -> None:
     defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
     ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))
     run_block(block, day, TraceRequest())
-
-
-def state_of(block: Block, work: WorkSpace) -> np.ndarray:
-    """The states of a block's lanes, (LANES, n)."""
-    return np.concatenate(_views(block, work), axis=1)
-
-
-def work_space_from(block: Block, states: np.ndarray) -> WorkSpace:
-    """The work space of a block whose first lanes begin in ``states``, (n, at least as many as a state has), n ≤ LANES.
-
-    The lanes behind them, copies of the last in their parameters, begin as the last does.
-    """
-    work = work_space(block)
-    lanes = np.minimum(np.arange(LANES), len(states) - 1)
-    first = 0
-    for rows in _views(block, work):
-        rows[:] = states[lanes, first : first + rows.shape[1]]
-        first += rows.shape[1]
-    return work
-
-
-def _views(block: Block, work: WorkSpace) -> list[np.ndarray]:
-    """What is carried over in a work space, as views (LANES, n)."""
-    n_volumes, estimator, law = block.common.n_volumes, block.estimator, block.law
-    views = [
-        work.S[STATE_AT:SUMS_AT].reshape(len(STATE_ROWS), LANES).T,
-        work.V[VOLUME_STRIDE : (n_volumes + 1) * VOLUME_STRIDE].reshape(n_volumes * len(VOLUME_ROWS), LANES).T,
-    ]
-    if estimator is not None:
-        first = block.for_estimator.size
-        end = first + len(estimator.Memory._fields) * LANES
-        views += [work.own[first:end].reshape(-1, LANES).T, work.own[end:].reshape(LANES, estimator.words)]
-    if law is not None:
-        views.append(work.own_law[block.for_law.size :].reshape(-1, LANES).T)
-    return views
