@@ -116,6 +116,10 @@ class OfText(NamedTuple):
     word: str = "a"
 
 
+def halved(x):
+    return 0.5 * x
+
+
 @pytest.mark.parametrize(
     ("parameters", "memory", "sentence"),
     [
@@ -128,6 +132,7 @@ class OfText(NamedTuple):
         (declared(word="a"), Memory, "word of Parameters is no float"),
         (declared(), Memory, "give a class made with typing.NamedTuple that has fields"),
         (3, Memory, "Parameters is 3: give a class made with typing.NamedTuple"),
+        (halved, None, "(?s)Parameters is <function halved at .*Memory is None: give a class"),
         (Parameters, OfText, "word of Memory is no float: a rule works with numbers, write word: float"),
     ],
 )
@@ -138,10 +143,6 @@ def test_what_a_rule_may_not_read_or_remember(parameters, memory, sentence):
 
 async def waits(now, p, memory):
     return 0.1, memory
-
-
-def halved(x):
-    return 0.5 * x
 
 
 @pytest.mark.parametrize("function", [waits, halved])
