@@ -1,6 +1,6 @@
 """NetCDF files: the only module that calls the library to read or write results.
 
-Neither netCDF-C nor HDF5 may be called by two threads at once: all hold the lock of xarray's netcdf4 backend,
+Neither netCDF-C nor HDF5 may be called by two threads at once: every call holds the lock of xarray's netcdf4 backend,
 so that a user's own datasets wait too; inside, xarray gets no lock, for this one is not reentrant.  Nothing that is
 opened here is left to the garbage collector, which takes no lock.
 

@@ -181,8 +181,8 @@ WEIGHT, WEIGHT_REACTION, WEIGHT_POOLED = 0.8, 0.3, 0.6
 """Share of the log-likelihood that counts, without and with the reaction, and with it where many days are pooled:
 residuals are neither independent nor normal.  Chosen on populations of other seeds than ``studies/diagnosis`` has."""
 MANY_DAYS, MOST_STEADY, LEAST_AGREEMENT = 4, 6.0, 2.0
-"""Days from which on they are judged together; days with a constant set-point count as so many at most, since what a
-linear model gets wrong repeats itself; standard errors between them by which they prefer a size to any other."""
+"""Days from which on they are many; what constant set-points weigh at most, all days together, since what a linear
+model gets wrong repeats itself; standard errors between days by which these have to prefer a size to any other."""
 TOLERANCE, GOOD = 0.2, 0.01
 """A size is known if it is right to this share of itself or of the stroke; up to ``GOOD`` a valve is called good."""
 LEAST_ODDS = 300.0

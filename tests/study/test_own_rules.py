@@ -119,6 +119,13 @@ def test_processes_give_the_same_bits(path, tmp_path, backend, two_workers):
 
 
 @pytest.mark.kernel
+def test_a_study_tells_of_an_estimate_in_per_cent(with_code, tmp_path):
+    in_per_cent = SOURCE.replace("limited(now.estimate + p.gain * abs(now.e) * p.sample_time, 0.2)", "6.0")
+    with pytest.warns(UserWarning, match="by_error: the estimate is at its limit of 1 at the end of 4 of 6 runs"):
+        fc.run_study(with_code(STUDY, in_per_cent), tmp_path / "out", n_jobs=1)
+
+
+@pytest.mark.kernel
 def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_path):
     out = tmp_path / "out"
     execute(read_study(path), out, n_jobs=1).results.close()
