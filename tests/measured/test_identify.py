@@ -291,7 +291,7 @@ def test_steady_days_acquit_no_valve_that_stepped_days_accuse():
     """A command that only follows the temperature predicts it as well as an opening without a gap."""
     trap = np.where(CANDIDATES <= 0.01, 0.0, -80.0)
     steady = [Shown([Likelihood(trap, trap, 900)]) for _ in range(8)]
-    stepped = Shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True)
+    stepped = Shown([Likelihood(peak(0.05, 0.01), peak(0.05, 0.01), 900)], provoked=True)
     assert backlash_of([stepped, *steady]).backlash == pytest.approx(0.05)
 
 
