@@ -268,6 +268,15 @@ def is_file(path: Path) -> bool:
     return found is not None and stat.S_ISREG(found.st_mode)
 
 
+def has_mark(path: Path, mark: bytes, within: int = 2000) -> bool:
+    """Whether the first bytes of a regular file have the mark of what fastcoil writes; False if it cannot be read."""
+    with contextlib.suppress(OSError):
+        if path.is_file():
+            with path.open("rb") as file:
+                return mark in file.read(within)
+    return False
+
+
 def may_be_file(path: Path) -> bool:
     """Whether a file could be written here: its folder exists, and the path is not a folder."""
     return not is_folder(path) and is_folder(path.absolute().parent)

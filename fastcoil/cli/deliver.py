@@ -10,7 +10,7 @@ import click
 
 from fastcoil.base.arguments import checking
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import exists, is_folder, require_file
+from fastcoil.base.files import exists, has_mark, is_folder, require_file
 from fastcoil.cli.arguments import PATH, all_labels_of
 from fastcoil.cli.terminal import announce_compilation, say
 from fastcoil.model.metric_table import STATUS_NOT_RUN
@@ -176,17 +176,8 @@ def _target(path: Path, suffix: str, out: Path | None) -> Path:
     if out is None or is_folder(out):
         name = path.resolve().name
         target = (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
-        if exists(target) and not _is_table_of_ours(target):
+        if exists(target) and not has_mark(target, b"fastcoil_version", _SAID_WITHIN):
             raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it")
         return target
     require_file("-o", out, suffix)
     return out
-
-
-def _is_table_of_ours(path: Path) -> bool:
-    """Whether a file names the version of fastcoil that wrote it; False if it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return b"fastcoil_version" in file.read(_SAID_WITHIN)
-    except OSError:
-        return False

@@ -9,9 +9,8 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import numpy as np
 import xarray as xr
 
 from fastcoil.base.errors import InputError, nearest, shown
@@ -25,104 +24,67 @@ if TYPE_CHECKING:
 
 
 _ROWS = 50_000  # of a piece
-_FACTS = {
-    "title": "title",
-    "question": "summary",
-    "boundary": "boundary",
-    "fastcoil_version": "fastcoil_version",
-    "study_sha256": "study_sha256",
-    "content_sha256": "content_sha256",
-}
-"""What a table says of its study, by the attributes of the result."""
-
-
-class Column(NamedTuple):
-    """unit: empty for labels and words.  words: the meanings of a flag, empty for all else."""
-
-    name: str
-    unit: str
-    meaning: str
-    words: tuple[str, ...]
-
-    @property
-    def header(self) -> str:
-        """``rmse [K]``."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+_FACTS = ("title", "question", "boundary", "fastcoil_version", "study_sha256", "content_sha256")
+"""What a table says of its study."""
+COMMENT = "#"
 
 
 class Tidy:
     """A checked result as rows: labels, parameters that differ, metrics, status.
 
-    metrics: the results to have; all that are one number per scenario-day by default.
+    metrics: the results to have, see ``check_metrics``; all that are one number per scenario-day by default.
     """
 
     def __init__(self, ds: xr.Dataset, metrics: tuple[str, ...] = ()) -> None:
-        check_metrics(ds, metrics)
-        dims = list(ds["status"].sizes)
+        dims = [str(d) for d in ds["status"].dims]
         per_row = [str(n) for n in ds.variables if n not in (*dims, "status") and {*ds[n].dims} <= {*dims}]
-        coordinates = [n for n in per_row if n in ds.coords]
-        chosen = [*coordinates, *(metrics or (n for n in per_row if n in ds.data_vars)), "status"]
-        self.ds, self.dims = ds, dims
-        self.columns = [_column(ds, str(n)) for n in (*dims, *chosen)]
-        self.n_rows = ds["status"].size
+        results = metrics or [n for n in per_row if n in ds.data_vars]
+        self.columns = list(dict.fromkeys([*dims, *(n for n in per_row if n in ds.coords), *results, "status"]))
+        self.ds, self.dims, self.n_rows = ds, dims, ds["status"].size
         labels = {d: ds[d].values for d in dims}  # also of dimensions without labels
-        self._shown = ds.drop_vars([n for n in ds.variables if n not in (*dims, *chosen)]).assign_coords(labels)
+        self._shown = ds.drop_vars([n for n in ds.variables if n not in self.columns]).assign_coords(labels)
+
+    def header(self, name: str) -> str:
+        """``rmse [K]``; labels, words and flags have no unit."""
+        variable = self.ds[name]
+        is_number = variable.dtype.kind in "iuf" and not _words(variable) and name not in RESERVED_DIMS
+        unit = str(variable.attrs.get("units", "")) if is_number else ""
+        return no_formula(f"{name} [{unit}]" if unit else name)
 
     def pieces(self) -> Iterator[pd.DataFrame]:
         """The rows, with plain names; the last label changes fastest."""
-        import pandas as pd
-
         ds = self._shown if self.dims else self._shown.expand_dims("row")
         first = next((d for d in self.dims if ds.sizes[d] > 1), None)
         n = ds.sizes[first] if first else 1
         step = max(1, _ROWS * n // self.n_rows)
         for k in range(0, n, step):
             part = ds.isel({first: slice(k, k + step)}) if first else ds
-            frame = part.to_dataframe(dim_order=self.dims or ["row"]).reset_index()
-            for name, words in ((column.name, column.words) for column in self.columns if column.words):
-                codes = frame[name].to_numpy()
-                known = np.isin(codes, np.arange(len(words)))
-                frame[name] = pd.Categorical.from_codes(np.where(known, codes, -1).astype(np.int8), list(words))
-            yield frame[[column.name for column in self.columns]]
+            frame = part.to_dataframe(dim_order=self.dims or ["row"]).reset_index()[self.columns]
+            for name in self.columns:
+                if words := _words(self.ds[name]):
+                    frame[name] = frame[name].map(dict(enumerate(words)))
+            yield frame
 
 
 def check_metrics(ds: xr.Dataset, metrics: tuple[str, ...]) -> None:
     """Refuse what a table of scenario-days cannot hold."""
     dims, problems = ds["status"].dims, []
     for name in metrics:
-        if name == "status":
-            problems.append("--metric status: every table has it, leave it out")
-        elif name not in ds.data_vars:
+        if name not in ds.data_vars:
             meant = metric_meant(name) or nearest(name, map(str, ds.data_vars))
             problems.append(f"--metric {shown(name)} is not in this result{meant}")
-        elif not set(ds[name].dims) <= set(dims):
-            others = " and ".join(str(d) for d in ds[name].dims if d not in dims)
+        elif others := [str(d) for d in ds[name].dims if d not in dims]:
             problems.append(
-                f"--metric {name} has values along {others}, and a table has one for each scenario-day: name a "
-                f"metric, or take fc.open_study(...)[{name!r}].to_dataframe() in Python"
+                f"--metric {name} has values along {' and '.join(others)}, and a table has one for each scenario-day: "
+                f"name a metric, or take fc.open_study(...)[{name!r}].to_dataframe() in Python"
             )
-    problems += [
-        f"--metric {n} is given twice: give it once" for n in sorted({n for n in metrics if metrics.count(n) > 1})
-    ]
     if problems:
         raise InputError(problems)
 
 
-def facts_of(ds: xr.Dataset) -> dict[str, str]:
-    """What a table says of the study it was made from: names and texts on one line."""
-    found = {name: " ".join(str(ds.attrs.get(attribute, "")).split()) for name, attribute in _FACTS.items()}
-    return {name: text for name, text in found.items() if text}
-
-
-def _column(ds: xr.Dataset, name: str) -> Column:
-    variable = ds[name]
-    words = tuple(str(variable.attrs.get("flag_meanings", "")).split())
-    is_number = variable.dtype.kind in "iuf" and not words and name not in RESERVED_DIMS
-    unit = str(variable.attrs.get("units", "")) if is_number else ""
-    return Column(name, unit, str(variable.attrs.get("long_name", "")), words)
-
-
-COMMENT = "#"
+def _words(variable: xr.DataArray) -> list[str]:
+    """The meanings of a flag; empty for all else."""
+    return str(variable.attrs.get("flag_meanings", "")).split()
 
 
 def write_csv(table: Tidy, path: Path) -> None:
@@ -131,23 +93,20 @@ def write_csv(table: Tidy, path: Path) -> None:
     Comment lines begin with ``#``.  Should a label have one, all texts are quoted, so that readers do not cut it off.
     An apostrophe stands before a text that a spreadsheet would take as a formula.
     """
-    quoting = csv.QUOTE_NONNUMERIC if _has_comment(table) else csv.QUOTE_MINIMAL
-    header = [no_formula(column.header) for column in table.columns]
+    texts = (v.values for v in table.ds.coords.values() if v.dtype.kind in "OU")
+    has_comment = any(COMMENT in str(text) for values in texts for text in values.ravel())
+    attrs = table.ds.attrs | {"question": table.ds.attrs.get("summary", "")}
+    facts = {name: " ".join(str(attrs.get(name, "")).split()) for name in _FACTS}
 
     def write(unfinished: Path) -> None:
         with unfinished.open("x", encoding="utf-8", newline="") as file:
-            file.writelines(f"{COMMENT} {name}: {no_formula(text)}\n" for name, text in facts_of(table.ds).items())
+            file.writelines(f"{COMMENT} {name}: {no_formula(text)}\n" for name, text in facts.items() if text)
             for k, piece in enumerate(table.pieces()):
                 for name in piece.select_dtypes(["object", "string"]):
                     piece[name] = piece[name].map(no_formula, na_action="ignore")
                 piece.to_csv(
-                    file, index=False, header=header if k == 0 else False, quoting=quoting, lineterminator="\n"
-                )
+                    file, index=False, header=[table.header(name) for name in piece] if k == 0 else False,
+                    quoting=csv.QUOTE_NONNUMERIC if has_comment else csv.QUOTE_MINIMAL, lineterminator="\n",
+                )  # fmt: skip
 
     commit_written(path, write)
-
-
-def _has_comment(table: Tidy) -> bool:
-    """Whether a label has the sign that begins a comment."""
-    texts = (v.values for v in table.ds.coords.values() if v.dtype.kind in "OU")
-    return any(COMMENT in str(text) for values in texts for text in values.ravel())

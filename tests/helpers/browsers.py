@@ -55,10 +55,9 @@ def chromium(width=1280, height=800):
 
 
 @contextmanager
-def exploring(*words, before=""):
-    """A process of ``fastcoil explore``, and the address of its page; before: Python that is run first."""
-    code = f"{before}\nfrom fastcoil.__main__ import run\nrun()"
-    command = [sys.executable, "-c", code, "explore", *words, "--no-browser", "--port", "0"]
+def exploring(*words):
+    """A process of ``fastcoil explore``, and the address of its page."""
+    command = [sys.executable, "-m", "fastcoil", "explore", *words, "--no-browser", "--port", "0"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"}
     )

@@ -121,10 +121,11 @@ class LoopFigures:
 
         senses = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
         _show_line(self.temperature, "sensor", senses)
-        _show_line(self.valve, "PI asks", run.compensates)
-        _show_line(self.gap, "PI asks", run.compensates)
+        compensates = run.learns or run.parameter("backlash_estimate") > 0.0
+        _show_line(self.valve, "PI asks", compensates)
+        _show_line(self.gap, "PI asks", compensates)
         self.estimate.visible = run.learns
-        asked = [shown["u"]] * run.compensates
+        asked = [shown["u"]] * compensates
         self.temperature.x_range.update(start=float(run.hours[first]), end=float(run.hours[-1]))
         _fit(self.temperature.y_range, 1.0, shown["T_sup"], shown["T_set"], *[shown["T_measured"]] * senses)
         _fit(self.valve.y_range, 10.0, shown["command"], shown["opening"], *asked)
@@ -153,10 +154,9 @@ def _edges(backlash: float) -> dict[str, list[float]]:
 class MapFigure:
     """The map; cells lie at 0, 1, 2, … whatever the parameter.  on_tap: called with the place clicked, x first."""
 
-    def __init__(self, on_tap: Callable[[object, object], None]) -> None:
+    def __init__(self, on_tap: Callable[[float, float], None]) -> None:
         self._cells = ColumnDataSource({name: [] for name in ("x", "y", "value", "at_x", "at_y")}, name="cells")
         self._point = ColumnDataSource({"x": [], "y": []}, name="here")
-        self._shown: tuple[Map, str] | None = None
         self.fig = _figure("map", (-0.5, 15.5), (-0.5, 11.5), title="Map: click to move the ring")
         self._colours = LinearColorMapper(Cividis256, low=0.0, nan_color="#dddddd")
         drawn = self.fig.rect(
@@ -177,11 +177,9 @@ class MapFigure:
 
     def show(self, found: Map, settings: Settings) -> bool:
         """Fill it with a map, and mark a loop on it; whether the loop lies on the map."""
-        if self._shown is None or self._shown[0] is not found or self._shown[1] != settings.colour:
-            self._shown = found, settings.colour
-            self._colours.high = _MOST[found.axes][settings.colour]
-            self._bar.title = f"{CHOICES['colour'].words[settings.colour]} [K]"
-            self._cells.data = self._laid_out(found.axes) | {"value": found.values[settings.colour].ravel()}
+        self._colours.high = _MOST[found.axes][settings.colour]
+        self._bar.title = f"{CHOICES['colour'].words[settings.colour]} [K]"
+        self._cells.data = self._laid_out(found.axes) | {"value": found.values[settings.colour].ravel()}
         at = {}
         for side, (name, values) in zip("xy", AXES[found.axes].items(), strict=True):
             at[side] = [np.interp(getattr(settings, name), values, range(len(values)), left=np.nan, right=np.nan)]
@@ -205,6 +203,5 @@ class MapFigure:
 
     def clear(self) -> None:
         """Show no map."""
-        self._shown = None
         for source in (self._cells, self._point):
             source.data = {name: [] for name in source.data}

@@ -1,6 +1,7 @@
 """Settings in; traces, metrics, an explanation and a map of the loop out.  Repeated requests come from a cache."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ from fastcoil.deliver.explore.settings import (
     settings_of,
     starts,
 )
-from fastcoil.design.advice import NO_INVERSE, REPAIRED
+from fastcoil.design.advice import NO_INVERSE, REPAIRED, per_cent
 from fastcoil.design.explain import explain
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating_day, paper_day
@@ -31,9 +32,6 @@ _VALVE = {"rangeability": 50.0, "m_full": 1.7}  # an equal-percentage valve; flo
 _LEARNING_STEP = 0.01  # finds a gap of 7 % in half a day
 _SHARE = 0.95  # of what is identified: an estimate above the gap chatters
 _HEATING_DAY = {"T_a_in": 12.0, "W_a_in": W_IN, "T_set": 25.0}  # means of ``heating_day``, degC
-_DAYS: Mapping[str, Callable[..., Boundary]] = {
-    "paper_day": paper_day, "heating_day": heating_day, "constant_day": constant_day, "design_day": design_day,
-}  # fmt: skip
 
 
 def loop_of(settings: Settings, start: Start) -> Loop:
@@ -55,24 +53,21 @@ def loop_of(settings: Settings, start: Start) -> Loop:
     return loop.assign(**unread)
 
 
-def day_of(settings: Settings, start: Start) -> tuple[str, dict[str, Any]] | None:
-    """The function of fastcoil that makes the day, and its arguments; None for the day of the study."""
-    water = {"T_w_in": start.T_w_in} if start.heats else {}
-    if settings.day == "own":
-        return None
+def day_of(settings: Settings, start: Start) -> Boundary:
+    """The day of some settings."""
+    water: dict[str, Any] = {"T_w_in": start.T_w_in} if start.heats else {}
+    if settings.day == "own" and start.day is not None:
+        return start.day
     if settings.day == "steps":
-        return "heating_day" if start.heats else "paper_day", water
+        return heating_day(**water) if start.heats else paper_day()
     if settings.day == "design":
-        return "design_day", ({"mode": "heating"} if start.heats else {}) | water | {"m_a": settings.m_a}
-    return "constant_day", (_HEATING_DAY if start.heats else {}) | water | {"m_a": settings.m_a}
+        return design_day(mode="heating" if start.heats else "cooling", m_a=settings.m_a, **water)
+    return constant_day(m_a=settings.m_a, **(_HEATING_DAY if start.heats else {}), **water)
 
 
 def scene_of(settings: Settings, start: Start) -> Scenario:
     """The loop and the day of some settings."""
-    made = day_of(settings, start)
-    day = start.day if made is None else _DAYS[made[0]](**made[1])
-    assert day is not None  # "own" is offered only where there is one
-    return Scenario(start.title, loop_of(settings, start), day, start.warm_up, start.seed)
+    return Scenario(start.title, loop_of(settings, start), day_of(settings, start), start.warm_up, start.seed)
 
 
 EVERY = 5
@@ -105,12 +100,24 @@ class Run(NamedTuple):
         return float(self.scene.loop[name])  # type: ignore[arg-type]
 
     @property
-    def compensates(self) -> bool:
-        return self.parameter("backlash_estimate") > 0.0 or self.learns
-
-    @property
     def learns(self) -> bool:
         return estimator_of(self.scene.loop) != "none"
+
+    @property
+    def compared(self) -> str:
+        """What the same day shows without the gap, and without the inverse."""
+        others = [f"Without {what}: {shown}." for what, shown in self.without.items()]
+        return "  ".join(others if self.parameter("backlash") else ["The valve has no gap.", *others])
+
+    @property
+    def learning(self) -> str:
+        """What an estimator has found; empty without one."""
+        found, right = self.value("estimate_final"), self.value("time_identified") / 3600.0
+        if not self.learns or not math.isfinite(found):
+            return ""
+        since = f", right since hour {right:.1f}" if math.isfinite(right) else ", which is not right yet"
+        gap = per_cent(self.value("backlash_final"))
+        return f"The estimate ends at {per_cent(round(found, 3))} for a gap of {gap}{since}."
 
 
 def run(scene: Scenario) -> Run:

@@ -12,8 +12,7 @@ from bokeh.document import Document, without_document_lock
 from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import Button, CategoricalSlider, Column, ColumnDataSource, CustomJS, InlineStyleSheet, Row, Select
 
-from fastcoil.base.errors import InputError, shown
-from fastcoil.deliver.explore import words
+from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore.figures import LoopFigures, MapFigure
 from fastcoil.deliver.explore.loop import AXES, Map, Model, Run
 from fastcoil.deliver.explore.settings import (
@@ -99,37 +98,25 @@ class Page:
     # --- moves --------------------------------------------------------------------------------------------------------
 
     def _turned(self, name: str, _attribute: str, _old: str, text: str) -> None:
-        steps = self._steps[name]
-        if text not in steps:
-            self._take_back(f"{DIALS[name].label} = {shown(text)}: choose a value from {[*steps][0]} to {[*steps][-1]}")
-        elif steps[text] != getattr(self._settings, name):
-            self._move(replace(self._settings, **{name: steps[text]}))  # type: ignore[arg-type]
+        value: Any = self._steps[name][text]
+        if value != getattr(self._settings, name):
+            self._move(replace(self._settings, **{name: value}))
 
     def _chosen(self, name: str, _attribute: str, _old: str, word: str) -> None:
         settings, changed = self._settings, {name: word}
-        words = dict(self._menus[name].options)
-        if word not in words:
-            self._take_back(f"{self._menus[name].title} = {shown(word)}: choose one of {', '.join(words)}")
-        elif word != getattr(settings, name):
+        if word != getattr(settings, name):
             if name == "loop":
                 changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
                 settings = settings_of(word, self._model.starts[word])
             self._move(replace(settings, **changed))  # type: ignore[arg-type]
 
-    def _go(self, x: object, y: object) -> None:
+    def _go(self, x: float, y: float) -> None:
         """To a cell of the map, at the nearest steps of its dials."""
         changed: Any = {}
         for at, (name, values) in zip((x, y), AXES[self._settings.axes].items(), strict=True):
-            if not isinstance(at, (int, float)) or not -0.5 <= at < len(values) - 0.5:
-                return
-            value = values[round(at)]
+            value = values[min(max(round(at), 0), len(values) - 1)]
             changed[name] = min(self._steps[name].values(), key=lambda step: abs(step - value))  # noqa: B023
         self._move(replace(self._settings, **changed))
-
-    def _take_back(self, problem: str) -> None:
-        """Say why a control cannot be set so, and set it back."""
-        self._problems = [problem]
-        self._move(self._settings)
 
     def _move(self, settings: Settings) -> None:
         """Show other settings, as soon as they are computed."""
@@ -202,7 +189,7 @@ class Page:
     def _show_run(self, settings: Settings, run: Run) -> None:
         self._figures.show(run, settings.window)
         self._say(
-            headline=run.answer, compared=words.compared(run), learning=words.learning(run), why=run.why,
+            headline=run.answer, compared=run.compared, learning=run.learning, why=run.why,
             advice=run.advice, query=query_of(settings, self._model.starts), phase="map",
         )  # fmt: skip
 

@@ -6,11 +6,8 @@ import secrets
 import signal
 import socket
 import threading
-import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from bokeh.document import Document
@@ -20,8 +17,7 @@ from bokeh.settings import settings
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
-from tornado.routing import AnyMatches, Matcher, Rule, RuleRouter
-from tornado.web import Application, RequestHandler
+from tornado.routing import Matcher, Rule, RuleRouter
 
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore.loop import Model
@@ -32,16 +28,10 @@ from fastcoil.model.numerics.jit import is_compiled
 ADDRESS = "127.0.0.1"
 """Not reachable from the network."""
 _NAMES = ("localhost", ADDRESS)
-_HERE = str(Path(__file__).parent)
 _THREADS = 2
 COMPILING = "Compiling the simulator, once: about 20 s.  The page then begins by itself."
 STARTING = "Starting …"
-
-
-_PAGES = 20
-"""Most pages at a time: a page takes 2 MB, and is given back when nobody has been connected for ``_IDLE``."""
-_IDLE = 10_000  # ms
-_FILES = 64  # that may be open at least: connections, and what they load
+_IDLE = 10_000  # ms without a connection, after which a page and its 2 MB are given back
 _LONGEST_MESSAGE = 2**16  # bytes; what a slider says has a few hundred
 
 
@@ -71,39 +61,6 @@ class _FromHere(Matcher):  # type: ignore[misc]
         return {} if is_ours and is_known and not names_session else None
 
 
-class _Full(Matcher):  # type: ignore[misc]
-    """Takes the requests for one page more than there may be."""
-
-    def __init__(self, app: BokehTornado) -> None:
-        self._app = app
-
-    def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
-        return {} if request.path == "/" and len(self._app.get_sessions("/")) >= _PAGES else None
-
-
-class _Refusal(RequestHandler):  # type: ignore[misc]
-    """Says that there are too many pages."""
-
-    def get(self) -> None:
-        self.set_status(503)
-        self.set_header("Retry-After", "30")
-        self.finish(
-            f"{_PAGES} pages of fastcoil explore are open: close one, and load this one again in half a minute."
-        )
-
-
-class _NoTraceback(logging.Filter):
-    """Says in a line what Bokeh refuses of a message from a page; failures of fastcoil keep their traceback."""
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        trace = record.exc_info[2] if record.exc_info else None
-        files = [frame.filename for frame in traceback.extract_tb(trace)]
-        if not any(name.startswith(_HERE) for name in files):
-            record.msg, record.args = "fastcoil: a request or message that is not of this page was refused", ()
-            record.exc_info = None
-        return True
-
-
 def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM.
 
@@ -116,12 +73,6 @@ def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     ready
         Called with the address of the page once it can be opened.
     """
-    with suppress(ImportError):  # elsewhere there is no such limit
-        import resource
-
-        most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-        if 0 <= most < _FILES:
-            raise InputError(f"explore: only {most} files may be open: allow {_FILES} or more, with ulimit -n {_FILES}")
     asyncio.run(_serve(model, port, ready))
 
 
@@ -129,13 +80,8 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     listening = _bound(port)
     port = listening.getsockname()[1]
     # foreign connections, and readers who leave, are no errors
-    terminal = logging.StreamHandler()
-    terminal.addFilter(_NoTraceback())
     for name in ("tornado.access", "tornado.application", "bokeh"):
-        logger = logging.getLogger(name)
-        logger.setLevel(logging.ERROR)
-        logger.handlers = [terminal]  # Bokeh's own one would show the traceback
-        logger.propagate = False
+        logging.getLogger(name).setLevel(logging.ERROR)
     # no environment variable opens the page to others, or has it loaded from elsewhere
     settings.resources = "server"
     settings.allowed_ws_origin = [f"{name}:{port}" for name in _NAMES]
@@ -149,8 +95,7 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
         sign_sessions=True, unused_session_lifetime_milliseconds=_IDLE, check_unused_sessions_milliseconds=_IDLE,
         websocket_max_message_size_bytes=_LONGEST_MESSAGE, session_token_expiration=60,
     )  # fmt: skip
-    pages = RuleRouter([Rule(_Full(app), Application([("/", _Refusal)])), Rule(AnyMatches(), app)])
-    http = HTTPServer(RuleRouter([Rule(_FromHere(port), pages)]))
+    http = HTTPServer(RuleRouter([Rule(_FromHere(port), app)]))
     server = BaseServer(IOLoop.current(), app, http)
     server.start()
     http.add_socket(listening)

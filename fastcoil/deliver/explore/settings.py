@@ -1,7 +1,7 @@
 """The settings of the page: every number and word that can be moved, the loops to start from, links and stories."""
 
-import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
@@ -177,7 +177,7 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
     for key, text in query.items():
         try:
             if key != "loop":
-                values[key] = _word(key, text, starts[name]) if key in CHOICES else _number(key, text, usual)
+                values[key] = _value_of(key, text, usual, starts[name])
         except InputError as error:
             problems += error.problems
     rest = ["The rest of the link is shown."] if problems else []
@@ -186,24 +186,19 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
     return replace(usual, **values), [*problems, *rest]
 
 
-def _word(name: str, text: str, start: Start) -> str:
-    words = words_of(name, start)
-    if text not in words:
+def _value_of(name: str, text: str, usual: Settings, start: Start) -> float | str:
+    if name in CHOICES:
+        words = words_of(name, start)
+        if text in words:
+            return text
         raise InputError(f"{name} = {shown(text)}: choose one of {', '.join(words)}")
-    return text
-
-
-def _number(name: str, text: str, usual: Settings) -> float:
     if name not in DIALS:
         raise InputError(f"{shown(name)} is not a setting{nearest(name, [*DIALS, *CHOICES])}: leave it out")
     within = (*DIALS[name].steps, getattr(usual, name))  # the loop itself may lie beyond the steps
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not min(within) <= number <= max(within):
-        raise InputError(f"{name} = {shown(text)}: give a number from {min(within):g} to {max(within):g}")
-    return number
+    with suppress(ValueError):
+        if min(within) <= float(text) <= max(within):
+            return float(text)
+    raise InputError(f"{name} = {shown(text)}: give a number from {min(within):g} to {max(within):g}")
 
 
 STORIES: Mapping[str, Mapping[str, Any]] = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import commit, exists, may_be_file, read_bytes
+from fastcoil.base.files import commit, exists, has_mark, may_be_file
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.c import InC
 from fastcoil.deliver.export.controller import Controller, templates
@@ -26,7 +26,6 @@ FIRST_VECTORS = 400
 _MARK = b"ritten by fastcoil "  # in the head of every file
 _TOLERANCE = 1e-12
 _MODULES = {name.casefold() for name in (*sys.stdlib_module_names, "fastcoil", "numpy")}
-_LARGEST = 2**26  # bytes of a file
 
 
 def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = "c") -> list[Path]:
@@ -78,7 +77,7 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         raise InputError(f"{' and '.join(controller.own)} cannot be exported: {fault}: {cure}")
     files = _files(path, language, text, vectors, controller.number["sample_time"])
     # somebody else's, such as a rule in mine.py beside the loop in mine.toml
-    others = [each for each in map(path.with_name, files) if exists(each) and not _is_ours(each)]
+    others = [each for each in map(path.with_name, files) if exists(each) and not has_mark(each, _MARK)]
     if others:
         raise InputError(
             [f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others]
@@ -102,13 +101,6 @@ def _require_name(path: Path, language: str) -> None:
         )
     if language == "python" and path.stem.casefold() in _MODULES:
         raise InputError(f"path = {path}: it would hide Python's module {path.stem}: choose another name")
-
-
-def _is_ours(path: Path) -> bool:
-    try:
-        return _MARK in read_bytes(path, _LARGEST)[:2000]
-    except (OSError, ValueError):
-        return False
 
 
 def _name_of(path: Path) -> str:

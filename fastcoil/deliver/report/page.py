@@ -16,7 +16,7 @@ import numpy as np
 
 from fastcoil.base.errors import InputError
 from fastcoil.base.figures import encode
-from fastcoil.base.files import commit, exists, read_bytes, require_file
+from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.machine import VERSION
 from fastcoil.base.text import MINUS, NONE, printable, written
 from fastcoil.loops.labels import quantity
@@ -83,7 +83,6 @@ def left_out(n: int, shown: int, what: str) -> str:
 
 
 _MARK = b'<meta name="generator" content="fastcoil '
-_MARK_WITHIN, _LARGEST = 2000, 2**28  # bytes at the beginning of a page that hold its mark, and bytes of a page
 DPI = 200
 """Of the pictures: for print on A4."""
 _BESIDE = ("baseline", "never", "yes", "no")  # words in a column of numbers
@@ -202,13 +201,7 @@ def _shown(value: Any) -> Any:
 def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     require_file(option, path, ".html", ".htm")
-    if not exists(path):
-        return
-    try:
-        is_page = _MARK in read_bytes(path, _LARGEST)[:_MARK_WITHIN]
-    except (OSError, ValueError):
-        is_page = False
-    if not is_page:
+    if exists(path) and not has_mark(path, _MARK):
         raise InputError(f"{option} {path}: this file exists and is no report, choose another name or delete it")
 
 

@@ -4,7 +4,6 @@ import concurrent.futures as cf
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, collecting, flag_of, path_of
 from fastcoil.base.errors import FastcoilError, InputError, StorageError
-from fastcoil.base.files import commit, entries, exists, is_folder, make_folder, require_file, storage_errors
+from fastcoil.base.files import commit, entries, exists, has_mark, is_folder, make_folder, require_file, storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.base.text import NONE, no_formula, printable
 from fastcoil.deliver.report.page import Page, Section, Table, number, require_page
@@ -113,7 +112,7 @@ def _targets(name: str, out: Any) -> list[Path]:
     for target in filter(exists, targets):
         if target.suffix.lower() != ".csv":
             require_page(target, name)
-        elif not _is_survey(target):
+        elif not has_mark(target, _FIRST):
             raise InputError(f"{name} {target}: this file exists and is no survey, choose another name or delete it")
     return targets
 
@@ -127,7 +126,7 @@ def _by_valve(logs: Any) -> dict[str, Any]:
     for path in (path_of("logs", one, _CURE) for one in several):
         inside = entries(path) if is_folder(path) else [path]
         files |= dict.fromkeys(file for file in inside if file == path or file.suffix.lower() == ".csv")
-    paths = [file for file in files if not _is_survey(file)]
+    paths = [file for file in files if not has_mark(file, _FIRST)]
     if not paths:
         raise InputError(f"logs: no CSV file: {_CURE}")
     names = [path.stem for path in paths]
@@ -135,15 +134,6 @@ def _by_valve(logs: Any) -> dict[str, Any]:
         times = Counter(names)
         names = [name if times[name] == 1 else longer(path) for name, path in zip(names, paths, strict=True)]
     return dict(zip(names, paths, strict=True))
-
-
-def _is_survey(path: Path) -> bool:
-    """Whether a file is the table of a survey; False if it cannot be read."""
-    with suppress(OSError):
-        if path.is_file():
-            with path.open("rb") as file:
-                return file.read(len(_FIRST)) == _FIRST
-    return False
 
 
 def _rows(

@@ -93,27 +93,6 @@ def test_a_story_the_reset_and_links_right_and_wrong(program, page):
     assert text_of(page, "headline").startswith("This loop will not hunt")
 
 
-VALUE = "return Bokeh.documents[0].get_model_by_name(arguments[0]).value"
-SET = "Bokeh.documents[0].get_model_by_name(arguments[0]).value = arguments[1]"
-
-
-WRONG = [
-    ("kp", "NaN", "Gain Kp = 'NaN': choose a value from 0.002 1/K to 0.15 1/K."),
-    ("ti", "1e400 s", "Integral time Ti = '1e400 s': choose a value from 4 s to 800 s."),
-    ("estimator", "__class__", "Learning = '__class__': choose one of none, learner, identify."),
-]
-
-
-def test_what_no_control_has_is_refused_in_words_and_set_back(page):
-    for control, value, sentence in WRONG:
-        before = settled(page)
-        kept = page.execute_script(VALUE, control)
-        page.execute_script(SET, control, value)
-        settled(page, before)
-        assert text_of(page, "problems") == sentence
-        assert page.execute_script(VALUE, control) == kept
-
-
 FOREIGN = """<title>foreign</title>
 <img src="{page}?kp=0.061"><script src="{page}autoload.js?bokeh-autoload-element=x"></script>
 <iframe src="{page}?kp=0.062"></iframe>

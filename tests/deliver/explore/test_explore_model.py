@@ -22,7 +22,6 @@ from fastcoil.deliver.explore.settings import (
     starts,
     words_of,
 )
-from fastcoil.deliver.explore.words import compared, learning
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import PRESETS
 from fastcoil.study.maintenance import Scenario, one_scenario
@@ -73,8 +72,8 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
     np.testing.assert_equal(run.margin, found.margin)
     assert run.answer.startswith(begins)
     assert ("chatters, 117 turns an hour: the estimate, 10 %, is larger" in run.answer) == ("too large" in title)
-    assert has in compared(run)
-    assert bool(learning(run)) == (title == "Learning")
+    assert has in run.compared
+    assert bool(run.learning) == (title == "Learning")
 
 
 @pytest.mark.kernel
@@ -160,7 +159,7 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell):
         (settings_of("lbnl", STARTS["lbnl"]), still | {"estimator": "learner"}, "chatters"),
     ):
         seen = model.run(replace(settings, **changes))
-        assert words in f"{seen.answer}  {seen.advice} {learning(seen)} {seen.why}", changes
+        assert words in f"{seen.answer}  {seen.advice} {seen.learning} {seen.why}", changes
     errors = model.map(plain).values["rmse"]
     j, i = np.unravel_index(np.argmin(errors), errors.shape)
     assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)
