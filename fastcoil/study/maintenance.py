@@ -12,7 +12,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import collecting
 from fastcoil.base.errors import InputError, IntegrityError, nearest
-from fastcoil.base.files import file_name, is_file, is_folder, make_folder, storage_errors
+from fastcoil.base.files import file_name, is_file, is_folder
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
@@ -41,6 +41,7 @@ from fastcoil.study.file.own_code import Source, load
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder, find_holder, hold
 from fastcoil.study.folder.results import is_current, open_study
+from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.folder.verify import find_problems
 
 RERUNS = "reruns"
@@ -52,7 +53,7 @@ def status(folder: Path) -> list[str]:
     holder = find_holder(folder)
     running = [f"It is being run by {holder}."] if holder else []
     nothing = ["Nothing is finished yet.", *running]
-    if running and store.read_manifest() is None and not store.has_results:
+    if running and Manifest.read(folder) is None and not store.has_results:
         return nothing
     manifest = store.require_manifest()
     try:
@@ -112,8 +113,6 @@ def rerun(
     flat, position, labels = _find(layout, at)
     plan = replace(study.plan, traces=TraceRequest(tuple(TRACES), 1))
     path = folder / RERUNS / f"{file_name('_'.join(labels) or 'scenario')}.nc"
-    with storage_errors(path.parent, "made"):
-        make_folder(path.parent)
     with hold(path.parent):  # not the study, which may be running; a folder that cannot be written is refused now
         pass
     for word, rule in layout.loop.rules.items():

@@ -83,13 +83,8 @@ def _is_storable(made: xr.Dataset) -> bool:
 def _copy(variable: xr.Variable) -> xr.Variable:
     """The numbers or labels of a variable, in this machine's byte order, and its words."""
     values = np.array(variable.values, order="C")
-    attrs = {word: variable.attrs[word] for word in _WORDS if _is_words(variable.attrs.get(word))}
+    attrs = {word: said for word in _WORDS if isinstance(said := variable.attrs.get(word), str) and is_text(said)}
     return xr.Variable(variable.dims, values.astype(values.dtype.newbyteorder("="), copy=False), attrs)
-
-
-def _is_words(value: object) -> bool:
-    """Whether a value is a text that a file can hold."""
-    return isinstance(value, str) and is_text(value)
 
 
 def _problems(found: Any, traces: xr.Dataset) -> Iterable[str]:
@@ -132,6 +127,4 @@ def _protect(traces: xr.Dataset) -> xr.Dataset:
 
 
 def _same(one: xr.Variable, other: xr.Variable) -> bool:
-    if one.dims != other.dims or one.dtype != other.dtype or one.shape != other.shape:
-        return False
-    return np.array_equal(one.values, other.values, equal_nan=one.dtype.kind == "f")
+    return one.dtype == other.dtype and bool(one.equals(other))  # type: ignore[no-untyped-call]

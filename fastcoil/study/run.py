@@ -12,7 +12,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, choice_of, flag_of, path_of, text_of
+from fastcoil.base.arguments import checking, flag_of, path_of
 from fastcoil.base.errors import InputError, IntegrityError, StorageError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
@@ -34,8 +34,8 @@ from fastcoil.study.folder.results import (
     merge,
     study_attributes,
 )
-from fastcoil.study.folder.stored import WORDS, Environment, Manifest, finished_manifest, reworded
-from fastcoil.study.workers import BACKENDS, Job, backend_problems, make_pool, run_shards
+from fastcoil.study.folder.stored import WORDS, Environment, Manifest, Shards, finished_manifest, reworded
+from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,7 @@ def run_study(
         path = check(path_of, "path", path, "give the path of a study file")
         folder = check.unless_none(path_of, "out", out, "give the path of a folder")
         n_jobs = check(workers, n_jobs)
-        backend = check(choice_of, "backend", backend, BACKENDS)
-        scheduler = check.unless_none(text_of, "scheduler", scheduler)
+        check(check_backend, backend, scheduler)
         extend = check(flag_of, "extend", extend)
         progress = check.unless_none(flag_of, "progress", progress)
     study = read_study(path, prepare=load)
@@ -157,9 +156,7 @@ def execute(
     with finished ones.  ``present`` gets the finished study while its folder is still held, to write figures there.
     """
     n_jobs = workers(n_jobs)
-    problems = backend_problems(backend, scheduler)
-    if problems:
-        raise InputError(problems)
+    check_backend(backend, scheduler)
     with storage_errors(folder, "found"):
         # a study's own code may change the current folder meanwhile
         store = StudyFolder(folder.absolute())
@@ -193,9 +190,9 @@ def _finished_results(study: Study, store: StudyFolder, asked: Manifest) -> xr.D
 
 def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Dataset:
     """What is left to do of a study in its folder, which is held; its results, if nothing is."""
-    asked, stored = Manifest.of(study), store.read_manifest()
+    asked, stored = Manifest.of(study), Manifest.read(store.path)
     if stored is not None and stored.study_sha256 != asked.study_sha256:
-        has_shards = store.shards(stored).any()
+        has_shards = Shards(store.path, stored.key).any()
         if not store.has_results and not has_shards:
             stored = None  # it was killed before its first scenario
         elif not extend:

@@ -1,8 +1,11 @@
 """Shards on workers: threads, processes of this machine or a dask cluster, and what happens when one dies.
 
-A worker runs one shard of a ``Job`` at a time.  A pool takes shards as ``concurrent.futures`` do; pools differ only in
-what happens when a worker dies.  ``run_shards`` hands them out and finds the scenarios that kill.
+A worker runs one shard of a ``Job`` at a time.  A pool takes shards as ``concurrent.futures`` do, and names in
+``deaths`` the exceptions that say that the worker of a shard is gone; pools differ only in what happens then.
+``run_shards`` hands them out and finds the scenarios that kill.
 """
+
+from __future__ import annotations
 
 import asyncio
 import concurrent.futures as cf
@@ -20,11 +23,12 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import FastcoilError, InputError, StorageError, missing_extra, out_of_memory, shown
 from fastcoil.base.files import storage_errors
 from fastcoil.loops.plan import Plan, Shard
@@ -148,22 +152,6 @@ def crashed_part(job: Job, index: np.ndarray) -> xr.Dataset:
 # --- handing out ------------------------------------------------------------------------------------------------------
 
 
-class Pool(Protocol):
-    """Workers that run shards of one job.
-
-    deaths: exceptions that say that the worker of a shard is gone, which is then replaced.
-    """
-
-    n_workers: int
-    deaths: tuple[type[BaseException], ...]
-
-    def submit(self, shard: Shard) -> cf.Future[Any]:
-        """Start a shard; the future gives its flat Dataset."""
-
-    def close(self) -> None:
-        """Stop all workers; shards in flight are lost."""
-
-
 def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dataset]:
     """Run every shard and yield its flat results (see ``run_shard``).
 
@@ -273,8 +261,8 @@ class Loky:
 
     def _filed(self, content: object) -> Path:
         path = next(self._names)
-        with storage_errors(_TEMPORARY, "written"), path.open("wb") as file:
-            pickle.dump(content, file)
+        with storage_errors(_TEMPORARY, "written"):
+            path.write_bytes(pickle.dumps(content))
         return path
 
     def submit(self, shard: Shard) -> cf.Future[Any]:
@@ -380,6 +368,9 @@ def _no_answer(scheduler: str, error: Exception) -> InputError:
     )
 
 
+Pool = Threads | Loky | Dask
+
+
 def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> Pool:
     """Start the workers of a backend."""
     if scheduler is not None:
@@ -387,13 +378,13 @@ def make_pool(backend: str, job: Job, n_workers: int, scheduler: str | None) -> 
     return Loky(job, n_workers) if backend == "loky" else Threads(job, n_workers)
 
 
-def backend_problems(backend: str, scheduler: str | None) -> list[str]:
-    """What is wrong with the choice of a backend."""
-    if backend not in BACKENDS:
-        return [f"backend = {shown(backend)}: choose one of {', '.join(BACKENDS)}"]
+def check_backend(backend: str, scheduler: str | None) -> None:
+    """Refuse a backend that does not exist, and dask without the address of its scheduler."""
+    choice_of("backend", backend, BACKENDS)
     if backend == "dask" and not scheduler:
-        return ["backend = 'dask' without scheduler: give its address, such as tcp://host:8786; on this machine alone, "
-                "loky does the same"]  # fmt: skip
+        raise InputError(
+            "backend = 'dask' without scheduler: give its address, such as tcp://host:8786; on this machine alone, "
+            "loky does the same"
+        )
     if backend != "dask" and scheduler is not None:
-        return [f"scheduler = {shown(scheduler)}: only the backend dask has one, choose it or leave scheduler out"]
-    return []
+        raise InputError(f"scheduler = {shown(scheduler)}: only the backend dask has one, choose it or leave it out")

@@ -6,9 +6,9 @@ import pytest
 @pytest.fixture
 def trace(tmp_path):
     """A file that is made when the code of the study is run."""
-    from fastcoil.study.file.own_code import _load
+    from fastcoil.study.file.own_code import load
 
-    _load.cache_clear()
+    load.cache_clear()
     return tmp_path / "trace"
 
 

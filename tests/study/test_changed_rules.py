@@ -12,7 +12,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.loops.plan import Shard
 from fastcoil.study import maintenance
 from fastcoil.study import workers as worker
-from fastcoil.study.file.own_code import _load, load_rules
+from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.stored import Manifest, checksum
 from fastcoil.study.run import execute
@@ -47,9 +47,9 @@ def value(tmp_path):
     """The file that the rule reads as it is loaded."""
     found = tmp_path / "value"
     found.write_text("0.001")
-    _load.cache_clear()
+    load.cache_clear()
     yield found
-    _load.cache_clear()
+    load.cache_clear()
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def path(tmp_path, value):
 
 def change(value):
     value.write_text("0.002")
-    _load.cache_clear()
+    load.cache_clear()
 
 
 def interrupted(path, out, monkeypatch):
@@ -83,7 +83,7 @@ def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkey
     with pytest.raises(InputError, match=CHANGED):
         fc.run_study(path, out, n_jobs=1)
     value.write_text("0.001")
-    _load.cache_clear()
+    load.cache_clear()
     ds = fc.run_study(path, out, n_jobs=1)
     assert ds.attrs["content_sha256"] == fc.run_study(path, tmp_path / "other", n_jobs=1).attrs["content_sha256"]
 
@@ -112,7 +112,7 @@ def test_finished_results_of_another_value_are_neither_shown_nor_run_again_nor_e
         fc.run_study(path, out, n_jobs=1, extend=True)
     assert fc.open_study(out).sizes["backlash"] == 2
     value.write_text("0.001")
-    _load.cache_clear()
+    load.cache_clear()
     assert fc.run_study(path, out, n_jobs=1, extend=True).sizes["backlash"] == 3
 
 

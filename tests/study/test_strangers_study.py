@@ -8,7 +8,7 @@ from helpers.studies import PLAIN, TRACED
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
-from fastcoil.study.file.own_code import _load
+from fastcoil.study.file.own_code import load
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.maintenance import one_scenario
@@ -40,7 +40,7 @@ def run_before(path, trace, tmp_path):
     fc.run_study(path, out, n_jobs=1).close()
     assert trace.exists(), "run_study runs it"
     trace.unlink()
-    _load.cache_clear()
+    load.cache_clear()
     return out
 
 

@@ -246,15 +246,7 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     result["status"] = status.max("day", keep_attrs=True).reset_coords(drop=True)
     kept = {name: c for name, c in ds.coords.items() if set(c.dims) <= set(result["status"].dims) and name != "start"}
     result = result.assign_coords(kept | months)
-    attrs = {
-        "billing": "months of the calendar" if start is not None else f"blocks of {MONTH} days: there are no dates",
-        "years": years,
-        "tariff": json.dumps(vars(tariff)),
-    }
-    incomplete = int((shares < 1.0 - 1e-9).sum())
-    if start is not None and incomplete:
-        attrs["incomplete_months"] = f"{incomplete} of {shares.size}: they pay their share of the demand price"
-    return result.drop_attrs(deep=False).assign_attrs(attrs)
+    return result.drop_attrs(deep=False).assign_attrs(years=years, tariff=json.dumps(vars(tariff)))
 
 
 def _month(days: xr.Dataset, share: float, tariff: Tariff, heating: xr.DataArray) -> xr.Dataset:

@@ -155,14 +155,6 @@ def _fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
             ) from None
 
 
-def load(what: str, source: Source) -> Any:
-    """The function itself, from a module of its own that is run once in each process.
-
-    what: the word of the study file that names it.  ``InputError`` if the source does not run, or has no such function.
-    """
-    return _load(what, source.name, source.source)
-
-
 def load_rules(rules: Mapping[str, Rule], sources: Mapping[str, Source]) -> None:
     """Give the rules of a study, of which only the declarations were read, their code.
 
@@ -174,7 +166,12 @@ def load_rules(rules: Mapping[str, Rule], sources: Mapping[str, Source]) -> None
 
 
 @functools.cache
-def _load(what: str, name: str, source: str) -> Any:
+def load(what: str, code: Source) -> Any:
+    """The function itself, from a module of its own that is run once in each process.
+
+    what: the word of the study file that names it.  ``InputError`` if the source does not run, or has no such function.
+    """
+    name, source = code.name, code.source
     wanted = name.partition(":")[2]
     module = ModuleType(f"own_code_{hashlib.sha256(source.encode()).hexdigest()}")
     # decorators such as dataclass look here for the module of their class
@@ -198,11 +195,6 @@ def its_errors(what: str) -> Iterator[None]:
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise InputError(f"{what} {_describe(error)}") from error
-
-
-def _describe(error: BaseException) -> str:
-    """An exception in one line: type and text."""
-    text = " ".join(str(error).split())
-    text = text if len(text) <= _LONGEST_MESSAGE else text[:_LONGEST_MESSAGE] + " …"
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+        text = " ".join(str(error).split())
+        text = text if len(text) <= _LONGEST_MESSAGE else text[:_LONGEST_MESSAGE] + " …"
+        raise InputError(f"{what} {type(error).__name__}: {text}".removesuffix(": ")) from error

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import choice_of, collecting, whole_of
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.arguments import checking, choice_of, whole_of
+from fastcoil.base.errors import nearest, shown
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
 from fastcoil.study.file.tables import are_numbers, first_of, known_parameters, sampled_names
@@ -74,24 +74,21 @@ def sample_values(table: Mapping[str, Any], known: Mapping[str, Parameter] = PAR
 def _check(table: Mapping[str, Any], known: Mapping[str, Parameter]) -> None:
     """Refuse all mistakes together; the loop checks the bounds of what is drawn."""
     needed = {"method": f"one of {', '.join(METHODS)}", "size": "the number of samples"}
-    problems = [f"{name} is missing: give {what}" for name, what in needed.items() if name not in table]
     given = {"method": METHODS[0], "size": 1, "seed": 0, **table}
-    with collecting(problems):
-        choice_of("method", given["method"], METHODS)
-    with collecting(problems):
-        whole_of("size", given["size"], 1, LARGEST_SAMPLE)
-    with collecting(problems):
-        whole_of("seed", given["seed"], *RUN_LIMITS["seed"])
-    if not problems and given["method"] in POWERS_OF_TWO and given["size"].bit_count() > 1:
-        below = 1 << (given["size"].bit_length() - 1)
-        problems.append(f"size = {given['size']}: a Sobol design is even only in powers of two, such as {below}")
-    names = sampled_names(table)
-    for name, shape in known_parameters({name: table[name] for name in names}, problems, known=known).items():
-        problems += _find_problems(known[name], shape)
-    if not names:
-        problems.append("no parameter is given: give at least one, such as backlash = { uniform = [0.02, 0.15] }")
-    if problems:
-        raise InputError(problems)
+    with checking() as check:
+        problems = check.problems
+        problems += [f"{name} is missing: give {what}" for name, what in needed.items() if name not in table]
+        check(choice_of, "method", given["method"], METHODS)
+        check(whole_of, "size", given["size"], 1, LARGEST_SAMPLE)
+        check(whole_of, "seed", given["seed"], *RUN_LIMITS["seed"])
+        if not problems and given["method"] in POWERS_OF_TWO and given["size"].bit_count() > 1:
+            below = 1 << (given["size"].bit_length() - 1)
+            problems.append(f"size = {given['size']}: a Sobol design is even only in powers of two, such as {below}")
+        names = sampled_names(table)
+        for name, shape in known_parameters({name: table[name] for name in names}, problems, known=known).items():
+            problems += _find_problems(known[name], shape)
+        if not names:
+            problems.append("no parameter is given: give at least one, such as backlash = { uniform = [0.02, 0.15] }")
 
 
 def _find_problems(parameter: Parameter, shape: object) -> list[str]:

@@ -88,13 +88,9 @@ class StudyFolder:
                 remove_unfinished(self.path / FIGURES)
             yield
 
-    def read_manifest(self) -> Manifest | None:
-        """The manifest of the run, ``None`` before its first shard; see ``Manifest.read``."""
-        return Manifest.read(self.path)
-
     def require_manifest(self) -> Manifest:
         """The manifest of the run; ``InputError`` if the folder holds no study, ``IntegrityError`` if it is lost."""
-        manifest = self.read_manifest()
+        manifest = Manifest.read(self.path)
         if manifest is None and self.has_results:
             raise self.without_manifest()
         if manifest is None:
@@ -119,7 +115,7 @@ class StudyFolder:
 
     def records(self, manifest: Manifest, text: str) -> bool:
         """Whether the folder says all this of the study that is run."""
-        found = self.read_manifest()
+        found = Manifest.read(self.path)
         return found is not None and found.text == manifest.text and self.read_text() == text
 
     def read_text(self) -> str | None:
@@ -163,13 +159,9 @@ class StudyFolder:
             )
         return study
 
-    def shards(self, manifest: Manifest) -> Shards:
-        """The finished shards of a run."""
-        return Shards(self.path, manifest.key)
-
     def open_results(self) -> xr.Dataset:
         """Open the results, see ``open_final``."""
-        return open_final(self.path, self.read_manifest())
+        return open_final(self.path, Manifest.read(self.path))
 
     def settled(self, read: Callable[[], Read]) -> Read:
         """Read something that another run may be writing: again, as long as it is inconsistent and somebody writes."""
@@ -194,7 +186,7 @@ class StudyFolder:
             for path in self.trace_files():
                 if path.name != ds.attrs.get("trace_file"):
                     path.unlink()
-        self.shards(manifest).discard()
+        Shards(self.path, manifest.key).discard()
 
 
 @contextmanager

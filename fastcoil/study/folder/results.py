@@ -19,6 +19,7 @@ import xarray as xr
 from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.base.files import exists, is_file, is_folder, storage_errors
+from fastcoil.design.prediction import predictions
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import layout_of, try_reading, write
 from fastcoil.loops.plan import Plan, simulation_attributes
@@ -122,7 +123,7 @@ def open_results(path: Path) -> xr.Dataset:
 
 def _open(store: StudyFolder) -> xr.Dataset:
     manifest = store.require_manifest()
-    has_shards = store.shards(manifest).any()
+    has_shards = Shards(store.path, manifest.key).any()
     if store.has_results:
         ds = store.open_results()
         # with no shard, all that is known of an unfinished study is there
@@ -247,7 +248,7 @@ class Computed:
         IntegrityError
             If they are damaged.
         """
-        shards, nothing = folder.shards(manifest), Match(np.array([], dtype=np.int64), np.array([], dtype=np.int64))
+        shards, nothing = Shards(folder.path, manifest.key), Match(*np.empty((2, 0), dtype=np.int64))
         results = folder.open_results() if folder.has_results else None
         if results is None or not same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
             return cls(study, shards, None, nothing)
@@ -347,7 +348,7 @@ def merge(
         whole = join_flat(plan.n_scenarios, untraced, allocate=_allocator(folder.path))
     ds = unflatten(whole, plan.layout)
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
-    predicted = _predicted(study)
+    predicted = predictions(plan) if study.predict else xr.Dataset()
     ds = ds.assign(predicted.data_vars)
     ds.attrs = study_attributes(study, manifest) | predicted.attrs | attrs
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
@@ -437,12 +438,3 @@ def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], 
         return array
 
     return allocate
-
-
-def _predicted(study: Study) -> xr.Dataset:
-    """What theory says of its scenarios, if the study asks for it."""
-    if not study.predict:
-        return xr.Dataset()
-    from fastcoil.design.prediction import predictions
-
-    return predictions(study.plan)

@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import cache
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +24,7 @@ import numpy as np
 import xarray as xr
 from pydantic import TypeAdapter, ValidationError
 
-from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, out_of_memory, shown
+from fastcoil.base.errors import InputError, IntegrityError, StorageError, out_of_memory, shown
 from fastcoil.base.files import (
     commit,
     commit_written,
@@ -54,8 +53,6 @@ _FOLDER_FORMAT = 2
 """Of the folder; no other one is read."""
 _CHECKSUM = "sha256"
 _LARGEST = 2**20  # bytes of ``run.json``
-_FORMER = "end_state"
-"""Variable of shards that earlier versions wrote of days in sequence."""
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged final file, by whether it has the results."""
@@ -125,7 +122,7 @@ class Manifest:
                 )
             if found.pop(_CHECKSUM, None) != checksum(found):
                 raise ValueError("its checksum differs")
-            return _form().validate_json(json.dumps(found), strict=True)
+            return TypeAdapter(cls).validate_json(json.dumps(found), strict=True)
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             why = "it has values of the wrong type" if isinstance(error, ValidationError) else error
             raise IntegrityError(
@@ -141,11 +138,6 @@ class Manifest:
     def write(self, folder: Path) -> None:
         """Write ``run.json``."""
         commit(folder / MANIFEST, self.text.encode())
-
-
-@cache
-def _form() -> TypeAdapter[Manifest]:
-    return TypeAdapter(Manifest)
 
 
 def checksum(content: Mapping[str, Any]) -> str:
@@ -252,7 +244,7 @@ class Shards:
         if not data.startswith(_SIGNATURE):
             return Inspection(path, None, "is no NetCDF file")
         try:
-            part = load(data, {*leave_out, _FORMER})
+            part = load(data, leave_out)
         except (OSError, RuntimeError) as error:  # these are the bytes that were written
             raise out_of_memory(f"{path} is sound, and cannot be read ({error})") from error
         except ValueError:
@@ -324,20 +316,18 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
         raise InputError(f"{path} does not exist: run the study first")
     ds = _stored(path, manifest).load()
     try:
-        if int(ds.attrs.get("fastcoil_format", 0)) > FORMAT:
-            raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
-        if ds.attrs.get("content_sha256") != combined_sha256(ds):
-            raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
+        later = int(ds.attrs.get("fastcoil_format", 0)) > FORMAT
+        damaged = not later and ds.attrs.get("content_sha256") != combined_sha256(ds)
+        if not later and not damaged:
+            check_result(ds)
     except (ValueError, TypeError) as error:
-        if isinstance(error, FastcoilError):
-            raise
-        raise IntegrityError(f"{path} cannot be understood ({error}); {_CURES[True]}") from error
-    try:
-        check_result(ds)
-    except InputError:
         raise IntegrityError(
             f"{path} is no result of a study (its status or metrics are missing, or no numbers); {_CURES[True]}"
-        ) from None
+        ) from error
+    if later:
+        raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")
+    if damaged:
+        raise IntegrityError(f"{path} is damaged (content_sha256 differs); {_CURES[True]}")
     return add_traces(ds, folder, manifest)
 
 

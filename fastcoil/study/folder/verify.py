@@ -30,7 +30,7 @@ def find_problems(store: StudyFolder) -> list[str]:
     except (InputError, IntegrityError) as error:
         problems = error.problems if isinstance(error, InputError) else str(error).splitlines()
     problems += problems_of_results(store, manifest)
-    return [*problems, *_problems_of_shards(store.shards(manifest), n_scenarios)]
+    return [*problems, *_problems_of_shards(Shards(store.path, manifest.key), n_scenarios)]
 
 
 def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:

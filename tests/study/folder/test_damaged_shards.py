@@ -25,7 +25,7 @@ pytestmark = pytest.mark.kernel
 def shards_of(folder):
     """The shards of the run in a folder."""
     store = StudyFolder(folder)
-    return store.shards(store.require_manifest())
+    return Shards(store.path, store.require_manifest().key)
 
 
 def named(data, first=0):

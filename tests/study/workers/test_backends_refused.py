@@ -48,8 +48,8 @@ def here(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--backend", "mpi"], "backend = 'mpi': choose one of threads, loky, dask"),
-        (["--backend", "Dask"], "choose one of threads, loky, dask"),
+        (["--backend", "mpi"], "backend = 'mpi': choose 'threads', 'loky' or 'dask'"),
+        (["--backend", "Dask"], "did you mean 'dask'?: choose 'threads', 'loky' or 'dask'"),
         (["--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
         (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], "only the backend dask has one"),
         (
