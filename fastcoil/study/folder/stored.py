@@ -20,7 +20,6 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import xarray as xr
 from pydantic import TypeAdapter, ValidationError
 
@@ -40,7 +39,7 @@ from fastcoil.base.files import (
 from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, try_reading, write
 from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.scenarios import check_result
-from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_NOT_RUN, TRACES
+from fastcoil.model.metric_table import TRACES
 from fastcoil.model.user_rules import RuleHashes, joined, own_code_of
 from fastcoil.study.file.spec import Study
 
@@ -53,7 +52,6 @@ _FOLDER_FORMAT = 2
 """Of the folder; no other one is read."""
 _CHECKSUM = "sha256"
 _LARGEST = 2**20  # bytes of ``run.json``
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged final file, by whether it has the results."""
 
@@ -214,14 +212,6 @@ class Shards:
                 continue  # the run in progress here has finished meanwhile
             yield inspection
 
-    def require_within(self, part: xr.Dataset, n_scenarios: int) -> None:
-        """Refuse a sound shard with a scenario that the study does not have (``IntegrityError``)."""
-        last = int(part["scenario"].values[-1])
-        if last >= n_scenarios:
-            raise IntegrityError(
-                f"{self.path} holds scenario {last}, the study has {n_scenarios}: delete the folder and run again"
-            )
-
     def discard(self) -> None:
         """Remove the shards; a foreign file among them is moved to quarantine."""
         if not is_folder(self.path):
@@ -241,27 +231,13 @@ class Shards:
         # before anything else: the HDF5 library may crash on damaged bytes
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
             return Inspection(path, None, "is damaged (its hash differs)")
-        if not data.startswith(_SIGNATURE):
-            return Inspection(path, None, "is no NetCDF file")
         try:
             part = load(data, leave_out)
         except (OSError, RuntimeError) as error:  # these are the bytes that were written
             raise out_of_memory(f"{path} is sound, and cannot be read ({error})") from error
-        except ValueError:
-            return Inspection(path, None, "is no NetCDF file")
-        problem = self._problem(part, first=int(named[1]))
-        return Inspection(path, None, problem) if problem else Inspection(path, part)
-
-    def _problem(self, part: xr.Dataset, first: int) -> str:
-        """What is wrong with the content of a shard, empty if nothing is."""
         if part.attrs.get("study") != self.key:
-            return "belongs to another study or another version of the model"
-        if not {"scenario", "status"} <= part.variables.keys() or part["scenario"].values[:1] != first:
-            return "does not match its name"
-        if not _is_flat(part):
-            return "does not have the form of a shard"
-        were_run = np.delete(np.arange(len(STATUS_MEANINGS)), STATUS_NOT_RUN)
-        return "" if np.isin(part["status"], were_run).all() else "was never filled"
+            return Inspection(path, None, "belongs to another study or another version of the model")
+        return Inspection(path, part)
 
     def _quarantine(self, path: Path) -> None:
         place = self.folder / QUARANTINE
@@ -269,16 +245,6 @@ class Shards:
             make_folder(place)
             names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
             os.replace(path, next(place / name for name in names if not (place / name).exists()))
-
-
-def _is_flat(part: xr.Dataset) -> bool:
-    """Whether a part has ascending scenarios, one status each, and metrics that are numbers."""
-    index, status = part["scenario"], part["status"]
-    if index.dtype.kind not in "iu" or status.dtype.kind not in "iu" or status.dims != ("scenario",):
-        return False
-    if index.size == 0 or int(index.values[0]) < 0 or not (np.diff(index.values) > 0).all():
-        return False
-    return all(part[n].dims == ("scenario",) and part[n].dtype == float for n in METRICS if n in part.data_vars)
 
 
 # --- final files ------------------------------------------------------------------------------------------------------

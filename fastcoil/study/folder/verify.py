@@ -24,13 +24,13 @@ def find_problems(store: StudyFolder) -> list[str]:
         If ``run.json`` is lost or damaged, so that it is unknown which study the folder holds.
     """
     manifest = store.require_manifest()
-    problems, n_scenarios = [], None
+    problems: list[str] = []
     try:
-        n_scenarios = store.read_study(manifest).plan.n_scenarios
+        store.read_study(manifest)
     except (InputError, IntegrityError) as error:
         problems = error.problems if isinstance(error, InputError) else str(error).splitlines()
     problems += problems_of_results(store, manifest)
-    return [*problems, *_problems_of_shards(Shards(store.path, manifest.key), n_scenarios)]
+    return [*problems, *_problems_of_shards(Shards(store.path, manifest.key))]
 
 
 def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
@@ -61,16 +61,13 @@ def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]
         yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
 
 
-def _problems_of_shards(shards: Shards, n_scenarios: int | None) -> Iterator[str]:
-    """n_scenarios: of the study, ``None`` if it cannot be read."""
+def _problems_of_shards(shards: Shards) -> Iterator[str]:
     first = None
     for shard in shards.inspect():
         if shard.part is None:
             yield f"{shard.path} {shard.problem}"
             continue
         try:
-            if n_scenarios is not None:
-                shards.require_within(shard.part, n_scenarios)
             first = check_same_form(first, shard.part)
         except FastcoilError as error:
             yield f"{shard.path}: {error}"
