@@ -2,12 +2,12 @@
 
 import json
 import platform
+import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 import xarray as xr
 
-from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.base.text import NONE
 from fastcoil.deliver.report.page import Code, Section, Table, Words, facts, setting
@@ -15,21 +15,12 @@ from fastcoil.loops.labels import sizes_in_words
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
 from fastcoil.loops.provenance import package_versions
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.study.file.tables import parse_toml
-
-
-def study_tables(ds: xr.Dataset) -> Mapping[str, Any]:
-    """The tables of the study file that results carry; nothing where they carry none that can be read."""
-    try:
-        return parse_toml(str(ds.attrs.get("study_toml", "")), "study.toml")
-    except InputError:
-        return {}
 
 
 def how(ds: xr.Dataset) -> Section:
     """The section on how a study was computed."""
-    constants, loop = _mapping(ds.attrs.get("parameters")), study_tables(ds).get("loop")
-    preset = str(loop.get("preset", "paper_like")) if isinstance(loop, dict) else "paper_like"
+    constants, loop = json.loads(ds.attrs["parameters"]), tomllib.loads(ds.attrs["study_toml"])["loop"]
+    preset = str(loop.get("preset", "paper_like"))
     substeps, noise, n = constants.get("substeps", 1), constants.get("noise_std"), ds.sizes.get("replicate", 1)
     sizes = sizes_in_words(ds["status"].sizes)
     spread = "swept" if noise is None else f"standard deviation {setting('noise_std', noise)}" if noise else "none"
@@ -67,13 +58,13 @@ def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") 
 
 def versions(ds: xr.Dataset) -> Section:
     """What made the results, and their hashes."""
-    packages = _mapping(ds.attrs.get("package_versions"))
+    packages = json.loads(ds.attrs["package_versions"])
     names = {"fastcoil": "fastcoil_version", "Python": "python_version", "Machine": "platform",
              "Run on": "date_created"}  # fmt: skip
     hashes = [f"{name}_sha256" for name in ("content", "study", "model", "boundary")]
     return Section("Versions and hashes", [facts(
         *((words, str(ds.attrs.get(name, "unknown"))) for words, name in names.items()),
-        ("Packages", ", ".join(f"{name} {number}" for name, number in packages.items()) or "unknown"),
+        ("Packages", ", ".join(f"{name} {number}" for name, number in packages.items())),
         *((name, str(ds.attrs[name])) for name in hashes if name in ds.attrs),
     )])  # fmt: skip
 
@@ -83,14 +74,6 @@ def here() -> Section:
     found = [f"{package} {number}" for package, number in package_versions().items()]
     pairs = [("fastcoil", VERSION), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
     return Section("Versions", [facts(*pairs)])
-
-
-def _mapping(text: object) -> Mapping[str, Any]:
-    try:
-        found = json.loads(str(text))
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 TITLE = "fastcoil: closed-loop emulation of HVAC coil valves with backlash"

@@ -7,10 +7,8 @@ from typing import Any
 
 from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, WrongType
-from fastcoil.base.files import exists, is_folder
 from fastcoil.deliver.report.page import Page, require_page
-from fastcoil.study.folder.folder import require_no_archive
-from fastcoil.study.folder.stored import MANIFEST, RESULTS
+from fastcoil.study.folder.folder import StudyFolder
 
 REPORT = "report.html"
 """Name of the page in a folder."""
@@ -49,7 +47,7 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
         from fastcoil.deliver.report.study import study_page
 
         what, make = path_of("what", what, _CURE), study_page
-        _require_folder(what)
+        StudyFolder(what).require_manifest()
         path = what / REPORT if path is None else path
     else:
         from fastcoil.deliver.report.results import PAGES
@@ -62,13 +60,3 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     where = path_of("path", path, _FILE)
     require_page(where)
     return make(what).write(where)
-
-
-def _require_folder(folder: Path) -> None:
-    """Refuse anything but a folder of which there are reports; its files are not looked into."""
-    require_no_archive(folder)
-    if not is_folder(folder):
-        raise InputError(f"{folder} is no folder: {_CURE}")
-    if any(exists(folder / name) for name in (MANIFEST, RESULTS)):
-        return
-    raise InputError(f"{folder} holds no study: {_CURE}")

@@ -6,6 +6,7 @@ valves or days, where the study has several; swept values were chosen, so they g
 
 import math
 import shlex
+import tomllib
 from collections import Counter
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import xarray as xr
 from fastcoil.base.errors import FastcoilError
 from fastcoil.base.text import percent
 from fastcoil.deliver.figures.study import standard_figures
-from fastcoil.deliver.report.computed import cited, how, study_tables, versions
+from fastcoil.deliver.report.computed import cited, how, versions
 from fastcoil.deliver.report.page import (
     MOST_ROWS,
     Block,
@@ -174,8 +175,7 @@ def study_page(folder: Path) -> Page:
         answer = findings(ds, billing)
         numbers = [metrics(ds)] if ds["status"].size == 1 else comparisons(ds)
         sections += [Section("Figures", _pictures(ds, title)), Section("In numbers", numbers)]
-    toml = str(ds.attrs.get("study_toml", ""))
-    sections += [how(ds), versions(ds), Section("The study file", [Code(toml)] if toml.strip() else [])]
+    sections += [how(ds), versions(ds), Section("The study file", [Code(ds.attrs["study_toml"])])]
     sections += [_again(folder, ds), cited(ds)]
     question, origin = str(ds.attrs.get("summary", "")).strip(), str(ds.attrs["content_sha256"])
     return Page("Study", title, question, warnings, answer, sections, origin)
@@ -183,7 +183,7 @@ def study_page(folder: Path) -> Page:
 
 def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
     """The prices of its ``[tariff]``, or why they cannot be read: the files of the study may be gone."""
-    if "tariff" not in study_tables(ds):
+    if "tariff" not in tomllib.loads(ds.attrs["study_toml"]):
         return None, ""
     store = StudyFolder(folder)
     try:
