@@ -126,9 +126,7 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
         )
     if by and not asked.metrics:
         metrics = metrics[: panels_abreast(asked.width)]
-    if asked.y:
-        return {asked.name: plots.maps(part, asked.x, asked.y, metrics, by, asked.width)}
-    return {asked.name: plots.bands(part, asked.x, by, metrics, asked.width)}
+    return {asked.name: plots.panels(part, asked.x, asked.y, by, metrics, asked.width)}
 
 
 def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:

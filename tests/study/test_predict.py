@@ -9,7 +9,7 @@ from helpers.refusals import problems
 from helpers.studies import run, run_until_interrupted, write_study
 
 import fastcoil as fc
-from fastcoil.deliver.figures.study import bands
+from fastcoil.deliver.figures.study import panels
 from fastcoil.design.prediction import predictions
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import PREDICTIONS
@@ -112,7 +112,7 @@ def test_where_theory_says_nothing_it_is_nan_and_says_why(tmp_path):
 
 
 def test_it_can_be_drawn_and_compared(ds):
-    (axes, *_) = bands(ds, "kp", metrics=["predicted_swing", "hunting_swing"]).axes
+    (axes, *_) = panels(ds, "kp", metrics=["predicted_swing", "hunting_swing"]).axes
     assert "foretold swing" in axes.get_ylabel()
     found = fc.compare(ds, baseline={"backlash": 0.0}, over="day", metrics="predicted_margin")
     assert "predicted_margin" in found

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,81 +45,30 @@ _ALTERNATIVES = 100  # more rows of names than this are no figure
 
 
 @apply_style()
-def maps(
-    ds: xr.Dataset, x: str, y: str, metrics: Sequence[str] = STANDARD_METRICS, by: str | None = None,
+def panels(
+    ds: xr.Dataset, x: str, y: str | None = None, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS,
     width: float | None = None,
 ) -> Figure:  # fmt: skip
-    """Metrics over two swept parameters, one panel each: the median over all other dimensions.
+    """Metrics, a panel each: maps over two swept parameters, curves along one, or dots for the names along ``x``.
 
+    All other dimensions are pooled: their median, along one of them with its 10–90 % range, or single members.
     ``by``: a further dimension, with a row of panels for each of the labels that ``rows_of`` chooses.
     ``width``: of the figure, inches.
     """
-    _check(ds, metrics, x=x, y=y)
-    meshes: dict[Hashable, list[QuadMesh]] = defaultdict(list)
-
-    def draw(axes: Axes, values: xr.DataArray) -> None:
-        mesh = drawing.draw_map(axes, values, x, y)
-        if mesh is not None:
-            meshes[values.name].append(mesh)
-
-    figure = _figure(ds, metrics, (x, y), draw, drawing.COLOUR, by, width, 3.0)
-    for alike in meshes.values():  # rows are compared
-        ends = [end for mesh in alike for end in mesh.get_clim()]
-        for mesh in alike:
-            mesh.set_clim(min(ends), max(ends))
-    return figure
-
-
-@apply_style()
-def bands(
-    ds: xr.Dataset, x: str, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS, width: float | None = None
-) -> Figure:
-    """Metrics along a swept parameter: median and 10–90 % band, or single lines, over all other dims.
-
-    ``by``, ``width``: as of ``maps``; what ``by`` names is not pooled.
-    """
-    _check(ds, metrics, x=x)
-
-    def draw(axes: Axes, values: xr.DataArray) -> None:
-        drawing.draw_curve(axes, values, x, color=BLUE)
-
-    return _figure(ds, metrics, (x,), draw, drawing.LINE, by, width, 2.4)
-
-
-@apply_style()
-def alternatives(
-    ds: xr.Dataset, dim: str, metrics: Sequence[str] = STANDARD_METRICS, by: str | None = None,
-    width: float | None = None,
-) -> Figure:  # fmt: skip
-    """Metrics of named alternatives: median and 10–90 % range, or single dots, over all other dims.
-
-    ``by``, ``width``: as of ``bands``.
-    """
-    _check(ds, metrics)
-
-    def draw(axes: Axes, values: xr.DataArray) -> None:
-        drawing.draw_dots(axes, values, dim, BLUE)
-
-    return _figure(ds, metrics, (dim,), draw, drawing.DOT, by, width, 1.0 + 0.22 * ds.sizes[dim], sharey=True)
-
-
-def panels_abreast(width: float | None) -> int:
-    """How many panels stand side by side in a width in inches."""
-    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
-
-
-def _figure(
-    ds: xr.Dataset, metrics: Sequence[str], drawn: tuple[str, ...], draw: Callable[[Axes, xr.DataArray], None],
-    marks: Sequence[str], by: str | None, width: float | None, height: float, *, sharey: bool = False,
-) -> Figure:  # fmt: skip
-    """A figure with a panel for each metric, and with ``by`` a row of them for each label.
-
-    drawn: dimensions that a panel shows.  draw: draws values into a panel.  height: of a panel, inches.
-    """
     from matplotlib.figure import Figure
 
+    drawn, has_names = tuple(filter(None, (x, y))), x in ds.coords and ds[x].dtype.kind in "OUST"
+    with checking() as check:
+        if not has_names or y:
+            check(drawing.swept_axes, ds["status"], x=x, **({"y": y} if y else {}))
+        check.problems += [
+            f"metrics: {quoted(name)} is not in this result{metric_meant(name) or nearest(name, METRICS)}"
+            for name in metrics
+            if name not in ds
+        ]
     if by in drawn:
         raise InputError(f"{by} is named twice: choose two different axes")
+    draw, marks, height = _drawing(ds, x, y, has_names=has_names)
     rows, n = rows_of(ds, by), len(metrics)
     columns = n if by else min(n, panels_abreast(width))
     inches = _PANEL * max(columns, 2) if width is None else width
@@ -126,26 +76,43 @@ def _figure(
         raise InputError(
             f"a figure of {_MILLIMETRES * inches:.0f} mm takes no {n} panels abreast: give fewer metrics, or more width"
         )
-    panels = [
-        (ds[metric] if index is None else ds[metric].isel({by: index}), words)
-        for index, words in rows
-        for metric in metrics
-    ]
-    n_rows = math.ceil(len(panels) / columns)
+    n_rows = math.ceil(len(rows) * n / columns)
     figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
     alike: Any = "col" if by else False
-    axes = figure.subplots(n_rows, columns, squeeze=False, sharex=alike, sharey=sharey or alike).ravel()
-    for unused in axes[len(panels) :]:
+    grid = figure.subplots(n_rows, columns, squeeze=False, sharex=alike, sharey=(has_names and not y) or alike).ravel()
+    for unused in grid[len(rows) * n :]:
         unused.remove()
-    for panel, (values, words) in zip(axes, panels, strict=False):
-        draw(panel, values)
-        panel.set_title(drawing.fitted(panel, words), loc="left")
-        if by and not panel.get_subplotspec().is_last_row():
-            panel.set_xlabel("")
+    meshes: dict[str, list[QuadMesh]] = defaultdict(list)
+    for axes, ((index, words), metric) in zip(grid, product(rows, metrics), strict=False):
+        mesh = draw(axes, ds[metric] if index is None else ds[metric].isel({by: index}))
+        meshes[metric] += [] if mesh is None else [mesh]
+        axes.set_title(drawing.fitted(axes, words), loc="left")
+        if by and not axes.get_subplotspec().is_last_row():
+            axes.set_xlabel("")
+    for rows_of_maps in meshes.values():  # rows are compared
+        ends = [end for mesh in rows_of_maps for end in mesh.get_clim()]
+        for mesh in rows_of_maps:
+            mesh.set_clim(min(ends), max(ends))
     words = drawing.pooled_in_words(ds["status"], (*drawn, by), marks)
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrapped("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
+
+
+def _drawing(
+    ds: xr.Dataset, x: str, y: str | None, *, has_names: bool
+) -> tuple[Callable[[Axes, xr.DataArray], QuadMesh | None], Sequence[str], float]:
+    """What draws values into a panel, the words for its marks, and the height of a panel, inches."""
+    if y:
+        return partial(drawing.draw_map, x=x, y=y), drawing.COLOUR, 3.0
+    if has_names:
+        return partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT, 1.0 + 0.22 * ds.sizes[x]
+    return partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE, 2.4
+
+
+def panels_abreast(width: float | None) -> int:
+    """How many panels stand side by side in a width in inches."""
+    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
 
 
 def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
@@ -161,22 +128,22 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
     def unlike(*shown: str) -> str | None:
         return next((d for d in control if d not in shown), None)
 
-    def drawn(draw: Callable[..., Figure], *axes: str, by: str | None = None) -> Callable[[], Figure]:
+    def drawn(x: str, y: str | None = None, by: str | None = None) -> Callable[[], Figure]:
         metrics = of_row if by else [name for name in STANDARD_METRICS if name in ds]
-        return partial(draw, ds, *axes, by=by, metrics=metrics, width=width)
+        return partial(panels, ds, x, y, by, metrics, width)
 
     figures: dict[str, Callable[[], Figure]] = {}
     if len(numeric) >= 2:
         swept = [d for d in numeric if d in control]
         y, x = numeric[:2] if not swept or {*numeric[:2]} & {*swept} else (numeric[0], swept[0])
-        figures["maps"] = drawn(maps, x, y, by=unlike(x, y))
-        figures["bands"] = drawn(bands, x, by=unlike(x) or y)
+        figures["maps"] = drawn(x, y, by=unlike(x, y))
+        figures["bands"] = drawn(x, by=unlike(x) or y)
     elif numeric:
-        figures["bands"] = drawn(bands, numeric[0], by=unlike(numeric[0]))
+        figures["bands"] = drawn(numeric[0], by=unlike(numeric[0]))
     for dim in named:
         by = unlike(dim)
         if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(rows_of(ds, by)) <= _ALTERNATIVES:
-            figures[dim] = drawn(alternatives, dim, by=by)
+            figures[dim] = drawn(dim, by=by)
     return figures
 
 
@@ -205,15 +172,3 @@ def _has_plain_pi(ds: xr.Dataset, dim: str) -> bool:
     plain = [ds[n].values == value for n, value in _CONTROL.items() if n in ds.coords and ds[n].dims == (dim,)]
     alike = np.logical_and.reduce(plain) if plain else np.zeros(1, dtype=bool)
     return bool(alike.any() and not alike.all())
-
-
-def _check(ds: xr.Dataset, metrics: Sequence[str], **axes: str | None) -> None:
-    """Refuse axes that are not swept, together with metrics that the result does not have."""
-    with checking() as check:
-        if axes:
-            check(drawing.swept_axes, ds["status"], **axes)
-        check.problems += [
-            f"metrics: {quoted(name)} is not in this result{metric_meant(name) or nearest(name, METRICS)}"
-            for name in metrics
-            if name not in ds
-        ]

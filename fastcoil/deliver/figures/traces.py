@@ -12,7 +12,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, names_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, wrapped
 from fastcoil.deliver.figures.drawing import caption, in_style, legend_above, places, say_if_empty
 from fastcoil.logs.series import COLUMNS
@@ -25,7 +25,7 @@ from fastcoil.model.parameter_table import PARAMETERS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_CURE = "give a Dataset of fastcoil.simulate with traces, or one of them such as ds.T_sup"
+_CURE = "give a Dataset of fastcoil.simulate with traces"
 _HOUR = 3600.0
 
 
@@ -37,15 +37,13 @@ class _Drawn(NamedTuple):
     colour: str
     style: str
 
-    def parameter(self, name: str) -> float:
-        """A parameter of this scenario."""
-        if name in self.ds.coords and self.ds[name].ndim == 0:
-            return float(self.ds[name])
-        try:
-            return float(json.loads(self.ds.attrs["parameters"])[name])
-        except (KeyError, TypeError, ValueError):
-            text = PARAMETERS[name].label
-            raise InputError(f"data does not say its {text}: give the whole Dataset of fastcoil.simulate") from None
+    @property
+    def backlash(self) -> float:
+        """Of this scenario."""
+        found = self.ds.coords.get("backlash", json.loads(self.ds.attrs.get("parameters", "{}")).get("backlash"))
+        if found is None:
+            raise InputError(f"data does not say its backlash: {_CURE}")
+        return float(found)
 
     @property
     def times(self) -> Array:
@@ -61,19 +59,12 @@ def _is_dated(ds: xr.Dataset) -> bool:
 
 def _traced(data: Any) -> xr.Dataset:
     """A result that has traces, as a Dataset."""
-    if isinstance(data, xr.DataArray):
-        if data.name not in TRACES or "elapsed_time" not in data.dims:
-            raise InputError(f"data is {shown(data.name)}, which is no trace along elapsed_time: {_CURE}")
-        data = data.to_dataset()
     ds: xr.Dataset = instance_of("data", data, xr.Dataset, _CURE)
     if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES):
         raise InputError('data has no traces: simulate with traces=["T_sup", "command"], or give a result that has')
     if not ds.sizes["elapsed_time"]:
         raise InputError("data has no point along elapsed_time: give a part of the result that has some")
     require_our_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
-    numbers = all(ds[name].dtype.kind in "iuf" for name in (*TRACES, "elapsed_time") if name in ds)
-    if not numbers or (np.diff(ds["elapsed_time"]) <= 0.0).any():
-        raise InputError(f"data has traces that are no numbers, or times that do not ascend: {_CURE}")
     return ds
 
 
@@ -112,7 +103,7 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
     Parameters
     ----------
     data
-        Dataset of ``simulate`` with traces, or one trace such as ``ds.T_sup``.  Scenarios differ in colour.
+        Dataset of ``simulate`` with traces.  Scenarios differ in colour.
     boundary
         What was simulated; its set-point is drawn with the supply temperature.
     show
@@ -196,24 +187,12 @@ def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Array, Ar
     drawn: list[tuple[Array, Array]] = []
     for one in found:
         seconds = np.rint(one.ds["elapsed_time"].values).astype(np.int64)
-        if seconds[-1] >= boundary.n_steps:
-            raise InputError(
-                f"boundary ends after {boundary.n_steps:,} s and the traces go to {seconds[-1]:,} s: give the boundary "
-                "that was simulated"
-            )
-        if "start" in one.ds.coords and boundary.start is not None:
-            starts = np.asarray(boundary.start, dtype="datetime64[s]")
-            if one.ds["start"].values.astype("datetime64[s]") not in starts:
-                raise InputError(
-                    f"boundary starts on {starts[0]} and the traces on {one.ds['start'].values}: give the boundary "
-                    "that was simulated"
-                )
         day = boundary.sel(int(one.ds["day"])) if boundary.has_day_dim and "day" in one.ds.coords else boundary
         if day.n_days > 1:
             raise InputError(f"boundary has {day.n_days} days and the traces do not say of which they are: select one")
         attrs = one.ds.attrs
         known = {} if attrs.keys() & {"command_sha256", "carry_over"} else json.loads(attrs.get("day_sha256", "{}"))
-        if known and day.day_sha256[0] not in known:
+        if seconds[-1] >= day.n_steps or (known and day.day_sha256[0] not in known):
             raise InputError("boundary has another day than the traces: give the boundary that was simulated")
         values = day.of_day(0)["T_set"][seconds]
         if not any(np.array_equal(values, other) for _, other in drawn):
@@ -256,7 +235,7 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     if "estimate" not in ds:
         raise InputError('data has no trace estimate: simulate with traces=["estimate"]')
     found = _scenarios_of(ds, ["estimate"])
-    gaps = [100.0 * one.parameter("backlash") for one in found]
+    gaps = [100.0 * one.backlash for one in found]
     (axes,) = places(ax, [_HEIGHT_OF_ESTIMATE])
     for one in found:
         estimate = 100.0 * one.ds["estimate"]
@@ -336,7 +315,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
 
 def _draw_swings(axes: Axes, one: _Drawn) -> Array:
     """Draw the last swings of a scenario, and the edges of its gap; return the opening [%]."""
-    gap = one.parameter("backlash")
+    gap = one.backlash
     period = float(one.ds["hunting_period"]) if "hunting_period" in one.ds else math.nan
     end = float(one.ds["elapsed_time"][-1])
     last = one.ds.sel(elapsed_time=slice(end - (_PERIODS * period if math.isfinite(period) else _LAST), None))

@@ -33,7 +33,7 @@ def curves(axes):
 
 
 def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(swept):
-    figure = plots.bands(swept, "estimate_ratio", by="backlash", metrics=["rmse"])
+    figure = plots.panels(swept, "estimate_ratio", by="backlash", metrics=["rmse"])
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "backlash = 2 %",
         "backlash = 5 %",
@@ -50,21 +50,21 @@ def test_curves_by_a_second_parameter_have_a_row_each_with_its_median_from_0(swe
 
 def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept):
     ds = swept.isel(day=0)
-    (axes,) = plots.bands(ds, "backlash", metrics=["rmse"]).axes
+    (axes,) = plots.panels(ds, "backlash", metrics=["rmse"]).axes
     low, high = (ds.rmse.quantile(q, ["estimate_ratio", "tuning"]) for q in (0.1, 0.9))
     (band,) = axes.collections
     edges = band.get_paths()[0].vertices
     assert (edges[:, 1].min(), edges[:, 1].max()) == pytest.approx((float(low.min()), float(high.max())))
     assert len(curves(axes)) == 1
     ds = ds.isel(estimate_ratio=0)
-    (axes,) = plots.bands(ds, "backlash", metrics=["rmse"]).axes
+    (axes,) = plots.panels(ds, "backlash", metrics=["rmse"]).axes
     assert not axes.collections
     drawn_one_by_one = [line.get_ydata() for line in curves(axes)]
     np.testing.assert_allclose(drawn_one_by_one, [*ds.rmse, ds.rmse.median("tuning")])
 
 
 def test_alternatives_show_the_median_and_the_range_or_each_of_a_few(swept):
-    (axes,) = plots.alternatives(swept, "tuning", ["rmse"]).axes
+    (axes,) = plots.panels(swept, "tuning", metrics=["rmse"]).axes
     over = ["backlash", "estimate_ratio", "day"]
     (ranges,) = axes.collections
     low, high = (swept.rmse.quantile(q, over) for q in (0.1, 0.9))
@@ -72,7 +72,7 @@ def test_alternatives_show_the_median_and_the_range_or_each_of_a_few(swept):
     np.testing.assert_allclose(axes.lines[-1].get_xdata(), swept.rmse.median(over))
     assert [label.get_text() for label in axes.get_yticklabels()] == ["slow", "fast"]
     few = swept.isel(backlash=[0, 1], estimate_ratio=0, day=0)
-    (axes,) = plots.alternatives(few, "tuning", ["rmse"]).axes
+    (axes,) = plots.panels(few, "tuning", metrics=["rmse"]).axes
     assert not axes.collections
     np.testing.assert_array_equal([line.get_xdata() for line in curves(axes)[:-1]], few.rmse.T)
 
@@ -80,20 +80,20 @@ def test_alternatives_show_the_median_and_the_range_or_each_of_a_few(swept):
 @pytest.mark.parametrize(
     ("draw", "words"),
     [
-        (lambda ds: plots.maps(ds, "estimate_ratio", "backlash"), "Colour: median of 2 tunings × 6 days"),
+        (lambda ds: plots.panels(ds, "estimate_ratio", "backlash"), "Colour: median of 2 tunings × 6 days"),
         (
-            lambda ds: plots.bands(ds, "backlash"),
+            lambda ds: plots.panels(ds, "backlash"),
             "Line: median of 2 tunings × 4 values of estimate_ratio × 6 days; band: 10th to 90th percentile",
         ),
         (
-            lambda ds: plots.bands(ds.isel(day=0), "estimate_ratio", by="backlash"),
+            lambda ds: plots.panels(ds.isel(day=0), "estimate_ratio", by="backlash"),
             "Line: median of 2 tunings; thin lines: each of these",
         ),
         (
-            lambda ds: plots.alternatives(ds.isel(backlash=0, day=0), "tuning"),
+            lambda ds: plots.panels(ds.isel(backlash=0, day=0), "tuning"),
             "Dot: median of 4 values of estimate_ratio; small dots: each of these",
         ),
-        (lambda ds: plots.bands(ds.isel(tuning=0, day=0), "estimate_ratio", by="backlash"), "Line: a single scenario"),
+        (lambda ds: plots.panels(ds.isel(tuning=0, day=0), "estimate_ratio", by="backlash"), "Line: a single scenario"),
     ],
 )
 def test_the_heading_says_what_is_pooled_and_what_the_marks_are(swept, draw, words):
@@ -116,11 +116,11 @@ def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hid
 
 
 def test_a_narrow_figure_has_its_panels_one_above_the_other(swept):
-    figure = plots.maps(swept, "estimate_ratio", "backlash", width=84 / 25.4)
+    figure = plots.panels(swept, "estimate_ratio", "backlash", width=84 / 25.4)
     panels = [axes for axes in figure.axes if axes.get_xlabel()]
     assert len({axes.get_subplotspec().colspan.start for axes in panels}) == 1
     with pytest.raises(InputError, match="a figure of 84 mm takes no 3 panels abreast: give fewer metrics, or more"):
-        plots.bands(swept, "estimate_ratio", by="backlash", width=84 / 25.4)
+        plots.panels(swept, "estimate_ratio", by="backlash", width=84 / 25.4)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def test_named_controllers_have_rows_and_maps_of_rows_one_scale():
 
 def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
     ds = drawn(80)
-    figure = plots.bands(binned(ds, ["kp"]), "kp", metrics=["rmse"])
+    figure = plots.panels(binned(ds, ["kp"]), "kp", metrics=["rmse"])
     (axes,) = figure.axes
     groups = np.array_split(np.argsort(ds.kp.values), 8)
     np.testing.assert_allclose(axes.lines[-1].get_ydata(), [np.median(ds.rmse.values[:, g]) for g in groups])
@@ -209,13 +209,13 @@ def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
 def test_empty_places_of_groups_count_neither_as_failed_nor_as_scenarios():
     ds = drawn(101)
     ds.status[0, 3] = 1
-    heading = " ".join(plots.maps(binned(ds, ["kp", "ti"]), "kp", "ti", ["rmse"]).get_suptitle().split())
+    heading = " ".join(plots.panels(binned(ds, ["kp", "ti"]), "kp", "ti", metrics=["rmse"]).get_suptitle().split())
     assert heading.endswith("; without 1 of 202 scenarios, which failed")
 
 
 def test_changes_are_in_per_cent_around_a_line_at_0(swept):
     against = relative_to(swept, {"estimate_ratio": 0}, "the plain PI")
-    (axes,) = plots.bands(against, "backlash", metrics=["switch_frequency"]).axes
+    (axes,) = plots.panels(against, "backlash", metrics=["switch_frequency"]).axes
     assert axes.get_ylabel() == "change of mode switches per\n10 min [%]"
     zero, median = axes.lines
     assert list(zero.get_ydata()) == [0.0, 0.0]
@@ -229,7 +229,7 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept):
 )
 def test_rows_that_there_cannot_be_are_refused(swept, by, words):
     with pytest.raises(InputError, match=words):
-        plots.bands(swept, "backlash", by=by)
+        plots.panels(swept, "backlash", by=by)
 
 
 def test_of_many_controllers_the_first_the_middle_and_the_last_have_rows():
@@ -244,8 +244,8 @@ def test_a_parameter_of_a_rule_has_its_unit_and_what_it_is_and_a_numbered_dim_is
     gains = swept.rename(backlash="gain", estimate_ratio="seconds").assign_coords(gain=[1e-4, 3e-4, 1e-3])
     gains["gain"].attrs = coordinate_attrs("gain", by_error.own)
     gains["seconds"].attrs = {"long_name": "seconds"}
-    figure = plots.bands(gains, "gain", metrics=["rmse"])
+    figure = plots.panels(gains, "gain", metrics=["rmse"])
     assert figure.axes[0].get_xlabel() == "gain [K-1 s-1]: how fast it moves"
     assert_texts_fit(figure)
     with pytest.raises(InputError, match="'seconds' is not a swept number"):
-        plots.bands(gains, "seconds")
+        plots.panels(gains, "seconds")
