@@ -47,6 +47,7 @@ _FUNCTIONS: Mapping[str, tuple[Any, ...]] = {
 }  # fmt: skip
 """What a rule may call, by the name that the laws have for it."""
 KNOWN = "abs, cos, exp, floor, log, max, min, sin, sqrt, tan, tanh, their inverses"
+SAID = "assignments, if, for k in range(…), return, numbers, tables of them, + - * / ** % // and comparisons"
 
 
 class AgainError(Exception):
@@ -93,6 +94,9 @@ class Formulas(ABC):
             f"{self.kind} = {self.rule!r} cannot be exported: {where}{what}: {cure}, or export the loop with "
             f"{'an estimator' if self.kind == 'estimator' else 'the law'} of fastcoil"
         )
+
+    def _lacks(self, node: ast.AST) -> InputError:
+        return self._refusal(f"it has {ast.unparse(node)}", f"use {SAID}")
 
     def _named(self, wanted: str, key: Any) -> str:
         """A name that all languages can have and nothing else has; key: what it stands for."""
@@ -154,8 +158,6 @@ class Formulas(ABC):
             pairs = {n: (one, no.fields[n]) for n, one in yes.fields.items()}
             merged = {n: self._merged(f"{name}_{n}", each, key, test, blocks) for n, each in pairs.items()}
             return Record(yes.cls, merged)
-        if not isinstance(yes, Number) or not isinstance(no, Number):
-            raise self._refusal("it chooses between classes or tables", "choose between their numbers")
         if yes.is_same(no) and self._is_steady(yes):
             return yes
         out = self._local(name, key)
@@ -211,14 +213,7 @@ class Formulas(ABC):
 
     # kinds
 
-    def _number(self, value: Any) -> Number:
-        """A value that is a number."""
-        if not isinstance(value, Number):
-            raise self._refusal("it uses a class or a table as a number", "use its fields, or an index")
-        return value
-
-    def _real(self, value: Any) -> Number:
-        number = self._number(value)
+    def _real(self, number: Number) -> Number:
         if number.kind == "real":
             return number
         if number.value is not None:
@@ -226,13 +221,8 @@ class Formulas(ABC):
         if number.kind == "whole":
             return Number(call_of("float", number.text))
         numbers = (lambda: constant(1.0), lambda: constant(0.0))
-        return self._number(self._either(number.text, numbers, "as_number", ast.unparse(number.text)))
-
-    def _whole(self, value: Any) -> Number:
-        number = self._number(value)
-        if number.kind != "whole":
-            raise self._refusal("an index or an end of a loop is no whole number", "write int(…) around it")
-        return number
+        found: Number = self._either(number.text, numbers, "as_number", ast.unparse(number.text))
+        return found
 
     # expressions
 
@@ -262,7 +252,7 @@ class Formulas(ABC):
             return self._joined(ast.And(), [self._compared(*each) for each in signs])
         if isinstance(node, ast.BinOp):
             sides = (self._value(one, scope) for one in (node.left, node.right))
-            left, right = (self._real(one) if _is_flag(one) else self._number(one) for one in sides)
+            left, right = (self._real(one) if one.kind == "flag" else one for one in sides)
             return self._arithmetic(node.op, left, right)
         if isinstance(node, ast.IfExp):
             test, body, orelse = self._flag(self._value(node.test, scope)), node.body, node.orelse
@@ -274,7 +264,7 @@ class Formulas(ABC):
             return self._element(node, scope)
         if isinstance(node, ast.Call):
             return self._call(node, scope)
-        raise self._refusal(f"it has {ast.unparse(node)}", "use numbers, fields and functions of them")
+        raise self._lacks(node)
 
     @abstractmethod
     def _call(self, node: ast.Call, scope: Scope) -> Any:
@@ -291,9 +281,7 @@ class Formulas(ABC):
             return self._lifted(name, cells[name].cell_contents)
         if name in python.__globals__:
             return self._lifted(name, python.__globals__[name])
-        if hasattr(builtins, name):
-            return getattr(builtins, name)
-        raise self._refusal(f"{name} has no value", "give it one before it is read")
+        return getattr(builtins, name)
 
     def _lifted(self, name: str, value: Any) -> Any:
         """A name of the module: numbers become constants of the laws."""
@@ -304,8 +292,6 @@ class Formulas(ABC):
                 return number
             return replace(number, text=ast.Name(self._module_constant(name, value)))
         if isinstance(value, (tuple, np.ndarray)) and not hasattr(value, "_fields"):
-            if np.ndim(value) != 1:
-                raise self._refusal(f"{name} is a table of several dimensions", "use one table for each row")
             numbers = tuple(np.asarray(value, dtype=float).tolist())
             return Table(self._module_constant(name, numbers), numbers)
         return value
@@ -321,24 +307,21 @@ class Formulas(ABC):
         if isinstance(of, ModuleType) and hasattr(of, node.attr):
             value = getattr(of, node.attr)
             return constant(value) if isinstance(value, float) else value
-        raise self._refusal(f"it has {ast.unparse(node)}", "use fields of what the rule is given")
+        raise self._lacks(node)
 
     def _element(self, node: ast.Subscript, scope: Scope) -> Any:
         of = self._value(node.value, scope)
-        index = self._whole(self._value(node.slice, scope))
-        if index.value is not None and isinstance(of, Record):
+        index = self._value(node.slice, scope)
+        if isinstance(of, Record):
             return [*of.fields.values()][index.value]
-        if not isinstance(of, Table):
-            raise self._refusal(f"it has {ast.unparse(node)}", "use a table of numbers and an index in whole numbers")
         if index.value is not None and of.values:
             return constant(of.values[index.value])
         return Number(ast.Subscript(expression(of.name), index.text))
 
     # conditions
 
-    def _flag(self, value: Any) -> Number:
+    def _flag(self, number: Number) -> Number:
         """A truth; of a number, whether it is not 0."""
-        number = self._number(value)
         if number.kind != "flag":
             return self._compared(ast.NotEq(), number, constant(0 if number.kind == "whole" else 0.0))
         return number
@@ -369,15 +352,14 @@ class Formulas(ABC):
                 parts = [self._variable(name)]
         return self._joined(node.op, parts)
 
-    def _compared(self, sign: ast.cmpop, left: Any, right: Any) -> Number:
+    def _compared(self, sign: ast.cmpop, left: Number, right: Number) -> Number:
         """Whether a comparison holds, which none with NaN does but !=."""
-        if type(sign) not in _SIGNS:
-            raise self._refusal("it has is or in", "compare numbers")
-        left, right = (self._real(one) if _is_flag(one) else self._number(one) for one in (left, right))
+        holds = _SIGNS[type(sign)]
+        left, right = (self._real(one) if one.kind == "flag" else one for one in (left, right))
         if left.is_nothing or right.is_nothing:
             return constant(isinstance(sign, ast.NotEq))
         if left.value is not None and right.value is not None:
-            return constant(bool(_SIGNS[type(sign)](left.value, right.value)))
+            return constant(bool(holds(left.value, right.value)))
         if left.kind != right.kind:
             left, right = self._real(left), self._real(right)
         flags, test = self._needs(left, right), ast.Compare(left.text, [sign], [right.text])
@@ -387,13 +369,13 @@ class Formulas(ABC):
 
     # arithmetic
 
-    def _unary(self, node: ast.UnaryOp, value: Any) -> Number:
+    def _unary(self, node: ast.UnaryOp, value: Number) -> Number:
         if isinstance(node.op, ast.Not):
             number = self._flag(value)
             return Number(negated(number.text), "flag") if number.value is None else constant(not number.value)
         if not isinstance(node.op, ast.USub):
-            raise self._refusal(f"it has {ast.unparse(node)}", "use and, or, not and -")
-        number = self._real(value) if _is_flag(value) else self._number(value)
+            raise self._lacks(node)
+        number = self._real(value) if value.kind == "flag" else value
         if isinstance(number.text, ast.Constant):
             return constant(-number.value)
         known = None if number.value is None else -number.value
@@ -409,8 +391,7 @@ class Formulas(ABC):
             if isinstance(sign, ast.FloorDiv):
                 return floor
             return self._arithmetic(ast.Sub(), left, self._arithmetic(ast.Mult(), floor, right))
-        if type(sign) not in _SIGNS:
-            raise self._refusal("it has an operator for bits or matrices", "use + - * / ** % and //")
+        applied = _SIGNS[type(sign)]
         if left.kind != right.kind or isinstance(sign, ast.Div):
             left, right = self._real(left), self._real(right)
         if isinstance(sign, ast.Mult):
@@ -420,7 +401,7 @@ class Formulas(ABC):
         value = None
         if left.value is not None and right.value is not None:
             with np.errstate(all="ignore"):
-                value = _SIGNS[type(sign)](np.float64(left.value), np.float64(right.value)).item()
+                value = applied(np.float64(left.value), np.float64(right.value)).item()
             value = int(value) if left.kind == "whole" else value
             are_written = isinstance(left.text, ast.Constant) and isinstance(right.text, ast.Constant)
             if are_written or not math.isfinite(value):
@@ -443,16 +424,15 @@ class Formulas(ABC):
         """The laws' name for a function of mathematics; empty for any other."""
         return next((name for name, same in _FUNCTIONS.items() if any(function is one for one in same)), "")
 
-    def _mathematics(self, name: str, given: list[Any]) -> Number:
+    def _mathematics(self, name: str, given: list[Number]) -> Number:
         """The value of a function that the languages have."""
         if name == "bool":
             return self._flag(given[0])
-        numbers = [self._number(one) for one in given]
         if name == "isnan":
-            needs = self._needs(numbers[0])
-            return Number(negated(joined(ast.And(), needs)), "flag") if needs else constant(numbers[0].is_nothing)
-        is_whole = name in ("min", "max", "abs") and all(one.kind == "whole" for one in numbers)
-        numbers = numbers if is_whole else [self._real(one) for one in numbers]
+            needs = self._needs(given[0])
+            return Number(negated(joined(ast.And(), needs)), "flag") if needs else constant(given[0].is_nothing)
+        is_whole = name in ("min", "max", "abs") and all(one.kind == "whole" for one in given)
+        numbers = given if is_whole else [self._real(one) for one in given]
         if name == "float":
             return numbers[0]
         while len(numbers) > 2:
@@ -464,7 +444,3 @@ class Formulas(ABC):
             value = value if kind == "whole" else float(value)
         both = frozenset().union(*(one.needs for one in numbers))
         return Number(call_of(name, *(one.text for one in numbers)), kind, value, both)
-
-
-def _is_flag(value: Any) -> bool:
-    return isinstance(value, Number) and value.kind == "flag"

@@ -17,7 +17,8 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from fastcoil.deliver.export.formulas import KNOWN, AgainError, Formulas
+from fastcoil.base.errors import InputError
+from fastcoil.deliver.export.formulas import KNOWN, SAID, AgainError, Formulas
 from fastcoil.deliver.export.python import (
     constant_text,
     definition_of,
@@ -43,7 +44,6 @@ from fastcoil.deliver.export.values import (
 )
 from fastcoil.model.estimators.interface import defaults_of, is_sample
 
-_MOST_ROUNDS = 50
 _RETURNED = object()  # what a block gives whose values are stored already
 
 
@@ -80,12 +80,15 @@ class Translator(Formulas):
 
     def port(self) -> Port:
         """The laws of the rule."""
-        for _ in range(_MOST_ROUNDS):
+        while True:  # each round knows more of finitely many variables
             try:
                 return self._port()
             except AgainError:
                 continue
-        raise self._refusal("its variables have no kind of their own", "use a new name for another kind of value")
+            except InputError:
+                raise
+            except (AttributeError, IndexError, KeyError, RecursionError, TypeError, ValueError) as error:
+                raise self._refusal("it has what other languages lack", f"use {SAID}") from error
 
     def _port(self) -> Port:
         self._begin()
@@ -129,11 +132,9 @@ class Translator(Formulas):
 
     def _commit(self, found: Any) -> Any:
         """Store what the rule returns; what reads a value of before is kept aside until all are found."""
-        parts: list[Any] = [*found.fields.values()] if isinstance(found, Record) else []
-        if len(parts) != 2 or not isinstance(parts[1], Record):
-            raise self._refusal("it returns something else than a number and its memory", "return a number, Memory(…)")
-        numbers = {self.fields[n]: self._number(one) for n, one in parts[1].fields.items()}
-        numbers[self.goal] = self._real(parts[0])
+        decided, memory = found.fields.values()
+        numbers: dict[str, Number] = {self.fields[n]: one for n, one in memory.fields.items()}
+        numbers[self.goal] = self._real(decided)
         changed = {target: number for target, number in numbers.items() if ast.unparse(number.text) != target}
         fields = {*changed, *(f"{target}_known" for target in changed)}
         for target, number in changed.items():
@@ -156,9 +157,6 @@ class Translator(Formulas):
         definition = definition_of(python)
         if definition is None:
             raise self._refusal(f"the source of {python.__name__} is not at hand", "write it in a file, as a def")
-        arguments = definition.args
-        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs:
-            raise self._refusal(f"{python.__name__} takes * or ** arguments", "give each a name of its own")
         return Scope(python, definition, finish)
 
     def _inlined(self, function: Any, given: Sequence[Any], finish: Any) -> Any:
@@ -207,39 +205,40 @@ class Translator(Formulas):
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
             self._value(node.value, scope)
         elif not isinstance(node, ast.Pass) and not is_text(node):
-            said = ast.unparse(node).partition("\n")[0].rstrip(":")
-            raise self._refusal(f"it has {said}", "use assignments, if, for k in range(…) and return")
+            raise self._refusal(f"it has {ast.unparse(node).partition(chr(10))[0].rstrip(':')}", f"use {SAID}")
         return None
 
     def _set(self, target: ast.expr, value: Any, scope: Scope) -> None:
         if isinstance(target, ast.Name):
             scope.names[target.id] = self._bound(target.id, value, "local", scope.stored[target.id] > 1)
         elif isinstance(target, (ast.Tuple, ast.List)):
-            parts = [*value.fields.values()] if isinstance(value, Record) else []
-            if len(parts) != len(target.elts):
-                raise self._refusal(f"{ast.unparse(target)} is given something else", "give a value for each name")
+            parts = [*value.fields.values()]
             # all are found before the first is stored, as in a, b = b, a
             if any(isinstance(one, ast.Name) and scope.stored[one.id] > 1 for one in target.elts):
                 parts = [self._bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
             for one, part in zip(target.elts, parts, strict=True):
                 self._set(one, part, scope)
         elif isinstance(target, ast.Subscript) and self._value(target.value, scope) == Table():
-            index = self._whole(self._value(target.slice, scope))
+            index = self._value(target.slice, scope)
             self.out.append(ast.Assign([ast.Subscript(expression("s.w"), index.text)], self._real(value).text))
         else:
             raise self._refusal(f"it changes {ast.unparse(target)}", "return a new memory, or keep it in a name")
 
     def _loop(self, node: ast.For, scope: Scope) -> None:
         call = node.iter
-        if not isinstance(call, ast.Call) or ast.unparse(call.func) != "range" or node.orelse:
-            raise self._refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…)")
-        if has_return(node) or not isinstance(node.target, ast.Name):
+        if has_return(node):
             raise self._refusal("it returns from a loop", "keep what is found, and return behind the loop")
-        ends = [self._whole(self._value(one, scope)) for one in call.args]
-        if len(ends) == 3 and ends[2].value != -1:
-            raise self._refusal(f"it has {ast.unparse(call)}", "count by one, up or down")
-        i = self._local(node.target.id, "loop")
-        scope.names[node.target.id] = Number(ast.Name(i), "whole")
+        ends = [self._value(one, scope) for one in call.args] if isinstance(call, ast.Call) else []
+        if (
+            not ends
+            or node.orelse
+            or ast.unparse(node.iter).partition("(")[0] != "range"
+            or (len(ends) == 3 and ends[2].value != -1)
+        ):
+            raise self._refusal(f"it has for … in {ast.unparse(call)}", "write for k in range(…), by one up or down")
+        name = ast.unparse(node.target)
+        i = self._local(name, "loop")
+        scope.names[name] = Number(ast.Name(i), "whole")
         self.kinds[i] = "whole"
         inside: list[ast.expr] = []
         if len(ends) < 3:  # a loop of the languages has constant ends
@@ -293,8 +292,6 @@ class Translator(Formulas):
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
             raise self._refusal(f"it calls {ast.unparse(node.func)}", f"use {KNOWN} and functions written in Python")
-        if id(node) in self.path:
-            raise self._refusal(f"{python.__name__} calls itself", "write it as a loop")
         before, self.path = (self.path, self.where), (*self.path, id(node))
         arguments, defaults = self._scope(python, None).arguments, python.__defaults__ or ()
         behind = dict(zip(arguments[len(arguments) - len(defaults) :], map(constant, defaults), strict=True))

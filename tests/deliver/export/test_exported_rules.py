@@ -211,6 +211,14 @@ def by_negative_division(now, p, memory):
     return 0.01 * abs(int(-9.0 * now.u) // 2), memory
 
 
+def by_bits(now, p, memory):
+    return 0.01 * (int(now.switches) & 3), memory
+
+
+def by_identity(now, p, memory):
+    return 0.01 if now.u is now.e else 0.02, memory
+
+
 def by_lambda(now, p, memory):
     return scaled(now.u), memory
 
@@ -226,6 +234,8 @@ scaled = lambda x: 0.1 * x  # noqa: E731 — what is refused
         (by_other_functions, ["it calls math.gamma", "sqrt"]),
         (by_division, ["cycle", "division by zero"]),
         (by_negative_division, ["cycle", "is off by 0.01"]),
+        (by_bits, ["line", "it has what other languages lack", "+ - * /"]),
+        (by_identity, ["line", "it has what other languages lack"]),
         (by_lambda, ["the source of <lambda> is not at hand", "as a def"]),
     ],
 )
