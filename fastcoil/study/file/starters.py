@@ -4,8 +4,6 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from fastcoil.base.errors import StorageError
-
 TEMPLATE = Path(__file__).with_name("template.toml").read_text(encoding="utf-8")
 
 
@@ -19,9 +17,5 @@ def shipped_studies() -> dict[str, str]:
 
 def _folder() -> Traversable:
     package = files("fastcoil")
-    root = Path(str(package)).parent
-    if (package / "studies").is_dir():
-        return package / "studies"
-    if (root / "pyproject.toml").is_file() and (root / "studies").is_dir():
-        return root / "studies"
-    raise StorageError("this installation of fastcoil has no studies: install it again")
+    installed = package / "studies"
+    return installed if installed.is_dir() else Path(str(package)).parent / "studies"  # of the repository

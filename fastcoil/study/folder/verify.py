@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
+from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
 from fastcoil.loops.scenarios import check_same_form
 from fastcoil.study.folder import stored
@@ -27,8 +27,8 @@ def find_problems(store: StudyFolder) -> list[str]:
     problems: list[str] = []
     try:
         store.read_study(manifest)
-    except (InputError, IntegrityError) as error:
-        problems = error.problems if isinstance(error, InputError) else str(error).splitlines()
+    except IntegrityError as error:
+        problems = str(error).splitlines()
     problems += problems_of_results(store, manifest)
     return [*problems, *_problems_of_shards(Shards(store.path, manifest.key))]
 

@@ -89,7 +89,7 @@ def test_no_worker_outlives_a_run_that_is_killed(slow_run, golden, tmp_path):
     run.kill()
     assert gone(workers, 2), [p.cmdline() for p in workers if p.is_running()]
     written = sorted((tmp_path / "out").rglob("*"))
-    time.sleep(1)
+    time.sleep(0.6)
     assert sorted((tmp_path / "out").rglob("*")) == written
     resumed(tmp_path, golden)
 
