@@ -9,6 +9,8 @@ STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHE
 
 LEARNING_STATUS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
 """Flags of ``learning_status``."""
+TEST_ABORTED = ("no", "excursion", "end_of_stroke", "swing", "disabled")
+"""Flags of ``test_aborted``."""
 
 WARM_UP = 1800
 """Default of the seconds left out of every metric, as in section 2.2 of the paper."""
@@ -110,6 +112,10 @@ METRICS: dict[str, Output] = {
                label="counted half periods"),
         Output("half_period_spread", "1", "spread of the gaps of single half periods",
                "largest - smallest of the last five that counted; NaN below five", label="spread of single gaps"),
+        Output("test_aborted", "1", "whether the valve test was aborted",
+               "no: it was not, or there was none; by an excursion beyond its limit, at an end of the stroke, by a swing "
+               "that went on while the command was held, or because the loop was switched off", flags=TEST_ABORTED,
+               label="abortion of the test"),
         Output("coil_energy", "kW h", "heat exchanged by the water",
                "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),
         Output("coil_peak_power", "kW", "peak heat rate of the water", "largest mean over whole 900-s blocks",
@@ -185,6 +191,7 @@ TRACES: dict[str, Output] = {
         Output("m_w", "kg s-1", "water flow, Eq (2)", label="water flow"),
         Output("estimate", "1", "backlash estimate of the inverse", label="backlash estimate"),
         Output("mode", "1", "mode of the inverse", "-1 falling, +1 rising, 0 open loop or failed", label="mode"),
+        Output("test", "1", "whether the valve test runs", "1 while it does", label="valve test"),
         Output("T_w_out", "degC", "leaving water temperature", label="leaving water"),
         Output("W_sup", "1", "humidity ratio of the supply air", "kg/kg dry air", label="supply humidity ratio"),
         Output("wet_volumes", "1", "number of wet control volumes", label="wet volumes"),

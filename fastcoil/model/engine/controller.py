@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastcoil.model import valve_test
 from fastcoil.model.control import (
     Law,
     additive,
+    clipped,
     desired_opening,
     direction,
     extreme,
@@ -25,9 +27,9 @@ from fastcoil.model.control import (
 )
 from fastcoil.model.engine.rows import LANES, R
 from fastcoil.model.estimators.interface import Estimator
-from fastcoil.model.numerics.jit import section
+from fastcoil.model.numerics.jit import exact, section
 from fastcoil.model.numerics.noise import MEASUREMENT, normal_pair
-from fastcoil.model.numerics.stages import BUILT_IN, FLAG, NUMBER, ROWS, WHOLE, Kind
+from fastcoil.model.numerics.stages import BUILT_IN, FLAG, NUMBER, ROWS, WHOLE, Kind, keep, values_at
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import measured
 
@@ -56,6 +58,7 @@ class Control(NamedTuple):
     measures_noise: bool = False
     waives_buffer: bool = False
     """Lanes without an estimate need none: a good valve is left alone."""
+    has_test: bool = False
 
     @classmethod
     def of(cls, estimator: Estimator | None, law: Law | None, row: Mapping[str, np.ndarray]) -> Control:
@@ -69,6 +72,7 @@ class Control(NamedTuple):
             is_smooth=bool(np.any(row["compensation"] == SMOOTH)),
             measures_noise=bool(np.any(row["buffer_noise"] == MEASURED)),
             waives_buffer=estimator is not None and estimator.waives_buffer,
+            has_test=bool(np.any(row["test_start"] >= 0.0)),
         )
 
 
@@ -111,6 +115,8 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
         acts = due
         if parts.has_dead_band:
             acts = due and not holds(e, S[R.error_dead_band + j])
+        if parts.has_test:
+            acts = acts and S[R.test + j] == 0.0
         integral = integral if acts else S[R.integral + j]
         u = u if acts else S[R.u + j]
         integral = integral if enabled else 0.0
@@ -145,6 +151,48 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
 
 
 @section
+def run_test(S, t, T_set, noise, enabled):
+    """Run the valve test of the lanes that sample now: it sets the command, and the PI follows it without a bump."""
+    for j in range(LANES):
+        y = measured(S[R.y_s + j], S[R.noise + j] + noise, S[R.sensor_resolution + j])
+        due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+        p = valve_test.Parameters(
+            S[R.sample_time + j], S[R.test_minutes + j], S[R.test_rate + j], S[R.test_threshold + j],
+            S[R.test_settle + j], S[R.test_hold + j], S[R.test_excursion + j],
+        )  # fmt: skip
+        before = values_at(valve_test.Memory, S, R.test_phase + j, LANES)
+        waits = t - S[R.test_start + j]
+        starts = due and enabled and waits >= 0.0 and waits < S[R.sample_time + j]
+        memory = valve_test.begin(T_set, p) if starts else before
+        runs = memory.phase != valve_test.OFF
+        acts = runs and (due or not enabled)
+        sign = S[R.sign + j]
+        command, after = valve_test.step(sign * (y - memory.reference), S[R.command + j], enabled, p, memory)
+        keep(acts, after, before, S, R.test_phase + j, LANES)
+        runs = S[R.test_phase + j] != valve_test.OFF
+        S[R.test + j] = 1.0 if runs else 0.0
+        mode = after.direction if after.direction != 0.0 else S[R.mode + j]
+        u = opening_behind(command, mode, S[R.assumed + j], S[R.compensation + j])
+        follows = runs and acts
+        S[R.command + j] = command if follows else S[R.command + j]
+        S[R.mode + j] = mode if follows else S[R.mode + j]
+        S[R.u + j] = u if follows else S[R.u + j]
+        S[R.u_ext + j] = u if follows else S[R.u_ext + j]
+        integral = clipped(u - S[R.kp + j] * sign * (y - T_set))
+        S[R.integral + j] = integral if follows else S[R.integral + j]
+
+
+@exact
+def opening_behind(command, mode, x_hat, compensation):
+    """u from which the compensation of an estimate x_hat makes a command: from there the PI goes on without a bump."""
+    side = 1.0 if mode > 0.0 else 0.0
+    if compensation == ADDITIVE:
+        return clipped(command - (side - 0.5) * x_hat)
+    side = 0.5 if compensation == SMOOTH else side
+    return clipped((command - side * x_hat) / (1.0 - x_hat))
+
+
+@section
 def measured_buffer(S, j, e, due):
     """Buffer of lane j, from the noise that it measures if it is to, after its reading e."""
     readings = S[R.readings + j] + (1.0 if due else 0.0)
@@ -166,7 +214,11 @@ def control_stage(parts: Control) -> Any:
     if parts == PLAIN:
         return BUILT_IN
 
+    has_test = parts.has_test
+
     def controller(S, t, T_set, noise, enabled, counts_switches):
+        if has_test:
+            run_test(S, t, T_set, noise, enabled)
         control(S, t, T_set, noise, enabled, counts_switches, parts)
 
     return CONTROL.compiled(controller, repr(parts))

@@ -294,6 +294,7 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.learn_time_reached] = S[R.time_reached + j]
         m[M.learn_time_confirmed] = S[R.time_confirmed + j]
         m[M.time_identified] = S[R.time_identified + j]
+        m[M.test_aborted] = S[R.test_aborted + j]
         m[M.coil_energy] = S[R.sum_power + j] / 3600.0
         m[M.coil_peak_power] = S[R.peak_power + j] if schedule.n_peak_blocks > 0 else np.nan
         m[M.reheat_energy] = -S[R.reheat + j] * S[R.cp_a + j] / 3600.0

@@ -19,6 +19,7 @@ from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import section
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.physics import growth, installed_valve, log_flow
+from fastcoil.model.valve_test import Memory
 
 LANES = 64
 
@@ -35,6 +36,8 @@ STATE_ROWS = (
     "decided", "u", "integral", "mode", "u_ext", "command",
     # what the estimator sees of the last sample; the estimate, and what the inverse assumes of it
     "T_seen", "e_seen", "switches", "estimate", "assumed",
+    # whether the valve test runs, and what it remembers
+    "test", *(f"test_{name}" for name in Memory._fields),
     # noise measured on line: readings so far, the last two errors, median size of second differences
     "readings", "e_1", "e_2", "difference",
     # actuator, valve

@@ -125,7 +125,8 @@ def model_sha256(estimators: frozenset[str] | None = None) -> str:
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
     unused = set() if estimators is None else set(SHIPPED) - estimators
-    parts = ("parameter_table.py", "metric_table.py", "physics.py", "control.py", "numerics", "estimators", "engine")
+    files = ("parameter_table.py", "metric_table.py", "physics.py", "control.py", "valve_test.py")
+    parts = (*files, "numerics", "estimators", "engine")
     for part in parts:
         for source in sorted((package / part).rglob("*.py")) or [package / part]:
             name = source.relative_to(package).as_posix()

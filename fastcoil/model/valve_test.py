@@ -1,0 +1,109 @@
+"""The valve test: a relay with ramps and holds in place of the PI, by which the temperature tells the gap.
+
+The command holds until the loop is calm (``settle``), then moves at a rate that the motor can follow in the direction
+that brings the temperature back to the set-point of the start.  When the temperature has passed it by a threshold, the
+command holds, turns and moves the other way, until the time is over.  Each turn crosses the gap once.  A ramp slower
+than the motor leaves its stroke time out of what the temperature tells.
+"""
+
+from typing import NamedTuple
+
+from fastcoil.model.control import clipped
+from fastcoil.model.numerics.jit import exact
+
+OFF, SETTLE, RAMP, HOLD = 0.0, 1.0, 2.0, 3.0
+"""Phases."""
+NO, EXCURSION, END_OF_STROKE, SWING, DISABLED = 0.0, 1.0, 2.0, 3.0, 4.0
+"""Why a test was aborted, in the order of the flags of the metric ``test_aborted``."""
+WATCHED = 60.0
+"""Last seconds of settling in which the temperature may move by the threshold at most."""
+OVERSHOOT = 0.5
+"""K by which the temperature may run on beyond the threshold while the command holds: gain x rate x lag of the plant.
+Where it was more, the next ramp is slower."""
+SLOWEST = 0.2
+"""Share of the rate that a ramp has at least."""
+FARTHEST = 0.3
+"""Fraction of stroke after which a ramp ends though the temperature has not passed the threshold."""
+
+
+class Parameters(NamedTuple):
+    """Parameters of the loop that the test uses."""
+
+    sample_time: float
+    test_minutes: float
+    test_rate: float
+    test_threshold: float
+    test_settle: float
+    test_hold: float
+    test_excursion: float
+
+
+class Memory(NamedTuple):
+    """What it remembers."""
+
+    phase: float = OFF
+    elapsed: float = 0.0
+    """Since the start of the test, s."""
+    since: float = 0.0
+    """Since the start of the phase, s."""
+    direction: float = 0.0
+    """1 opening, -1 closing."""
+    ramp: float = 0.0
+    """Rate of the ramps, 1/s."""
+    turned_at: float = 0.0
+    """Command at which the ramp began."""
+    reference: float = 0.0
+    """Set-point of the start, °C."""
+    lowest: float = 0.0
+    highest: float = 0.0
+    """Error so far in this phase, K; of settling in its last part."""
+    aborted: float = NO
+
+
+@exact
+def begin(T_set, p):
+    """Memory at the start of a test."""
+    return Memory(SETTLE, 0.0, 0.0, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, NO)
+
+
+@exact
+def next_rate(rate, overshoot):
+    """Rate of the next ramp, 1/s: slower where the temperature ran on too far."""
+    share = OVERSHOOT / overshoot if overshoot > OVERSHOOT else 1.0
+    return rate * (share if share > SLOWEST else SLOWEST)
+
+
+@exact
+def step(e, command, enabled, p, memory):
+    """One sample of the test: (command, Memory).  e: error from ``reference``, K, positive where the valve should open.
+
+    The phase is OFF after the last sample, and after an abort.
+    """
+    m = memory
+    elapsed, since = m.elapsed + p.sample_time, m.since + p.sample_time
+    begins = m.since == 0.0 or (m.phase == SETTLE and since <= p.test_settle - WATCHED)
+    lowest = e if begins or e < m.lowest else m.lowest
+    highest = e if begins or e > m.highest else m.highest
+
+    passed = m.direction * e < -p.test_threshold or abs(command - m.turned_at) >= FARTHEST
+    settled = m.phase == SETTLE and since >= p.test_settle
+    reached = m.phase == RAMP and passed
+    turns = m.phase == HOLD and since >= p.test_hold
+    phase = RAMP if settled or turns else (HOLD if reached else m.phase)
+    beyond = (-lowest if m.direction > 0.0 else highest) - p.test_threshold
+    ramp = next_rate(m.ramp, beyond) if turns else m.ramp
+    back = 1.0 if e > 0.0 else -1.0
+    direction = back if settled else (-m.direction if turns else m.direction)
+    turned_at = command if settled or turns else m.turned_at
+    moved = command + (direction * ramp * p.sample_time if phase == RAMP else 0.0)
+
+    aborted = SWING if settled and highest - lowest > p.test_threshold else NO
+    aborted = END_OF_STROKE if phase == RAMP and (moved <= 0.0 or moved >= 1.0) else aborted
+    aborted = EXCURSION if abs(e) > p.test_excursion else aborted
+    aborted = aborted if enabled else DISABLED
+    ends = aborted != NO or elapsed >= 60.0 * p.test_minutes
+    since = 0.0 if phase != m.phase else since
+    after = Memory(OFF if ends else phase, elapsed, since, direction, ramp, turned_at, m.reference, lowest, highest,
+                   aborted)  # fmt: skip
+    return command if aborted != NO else clipped(moved), after
+
