@@ -13,15 +13,15 @@ from fastcoil.model.numerics.jit import exact
 
 OFF, SETTLE, RAMP, HOLD = 0.0, 1.0, 2.0, 3.0
 """Phases."""
-NO, EXCURSION, END_OF_STROKE, SWING, DISABLED = 0.0, 1.0, 2.0, 3.0, 4.0
+NO, EXCURSION, SWING, DISABLED = 0.0, 1.0, 2.0, 3.0
 """Why a test was aborted, in the order of the flags of the metric ``test_aborted``."""
 WATCHED = 60.0
 """Last seconds of settling in which the temperature may move by the threshold at most."""
 OVERSHOOT = 0.5
 """K by which the temperature may run on beyond the threshold while the command holds: gain x rate x lag of the plant.
 Where it was more, the next ramp is slower."""
-SLOWEST = 0.2
-"""Share of the rate that a ramp has at least."""
+SLOWEST, FASTEST, FASTER = 0.2, 4.0, 2.0
+"""A ramp's least and greatest rate over the given one, and over that of the ramp before."""
 FARTHEST = 0.3
 """Fraction of stroke after which a ramp ends though the temperature has not passed the threshold."""
 
@@ -67,10 +67,12 @@ def begin(T_set, p):
 
 
 @exact
-def next_rate(rate, overshoot):
-    """Rate of the next ramp, 1/s: slower where the temperature ran on too far."""
-    share = OVERSHOOT / overshoot if overshoot > OVERSHOOT else 1.0
-    return rate * (share if share > SLOWEST else SLOWEST)
+def next_rate(rate, overshoot, p):
+    """Rate of the next ramp, 1/s: so that the temperature runs on by OVERSHOOT; at most twice as fast as the last."""
+    share = OVERSHOOT / overshoot if overshoot > OVERSHOOT / FASTER else FASTER
+    rate = rate * share
+    rate = FASTEST * p.test_rate if rate > FASTEST * p.test_rate else rate
+    return SLOWEST * p.test_rate if rate < SLOWEST * p.test_rate else rate
 
 
 @exact
@@ -85,20 +87,20 @@ def step(e, command, enabled, p, memory):
     lowest = e if begins or e < m.lowest else m.lowest
     highest = e if begins or e > m.highest else m.highest
 
-    passed = m.direction * e < -p.test_threshold or abs(command - m.turned_at) >= FARTHEST
+    at_end = (m.direction > 0.0 and command >= 1.0) or (m.direction < 0.0 and command <= 0.0)
+    passed = at_end or m.direction * e < -p.test_threshold or abs(command - m.turned_at) >= FARTHEST
     settled = m.phase == SETTLE and since >= p.test_settle
     reached = m.phase == RAMP and passed
     turns = m.phase == HOLD and since >= p.test_hold
     phase = RAMP if settled or turns else (HOLD if reached else m.phase)
     beyond = (-lowest if m.direction > 0.0 else highest) - p.test_threshold
-    ramp = next_rate(m.ramp, beyond) if turns else m.ramp
+    ramp = next_rate(m.ramp, beyond, p) if turns else m.ramp
     back = 1.0 if e > 0.0 else -1.0
     direction = back if settled else (-m.direction if turns else m.direction)
     turned_at = command if settled or turns else m.turned_at
     moved = command + (direction * ramp * p.sample_time if phase == RAMP else 0.0)
 
     aborted = SWING if settled and highest - lowest > p.test_threshold else NO
-    aborted = END_OF_STROKE if phase == RAMP and (moved <= 0.0 or moved >= 1.0) else aborted
     aborted = EXCURSION if abs(e) > p.test_excursion else aborted
     aborted = aborted if enabled else DISABLED
     ends = aborted != NO or elapsed >= 60.0 * p.test_minutes
