@@ -9,7 +9,7 @@ STATUS_OK, STATUS_NON_FINITE, STATUS_OUT_OF_RANGE, STATUS_NOT_RUN, STATUS_CRASHE
 
 LEARNING_STATUS = ("off", "learning", "stepped_down", "stopped", "no_evidence", "not_identifiable")
 """Flags of ``learning_status``."""
-TEST_ABORTED = ("no", "excursion", "swing", "disabled")
+TEST_ABORTED = ("no", "excursion", "end_of_stroke", "swing", "disabled")
 """Flags of ``test_aborted``."""
 
 WARM_UP = 1800
@@ -113,8 +113,9 @@ METRICS: dict[str, Output] = {
         Output("half_period_spread", "1", "spread of the gaps of single half periods",
                "largest - smallest of the last five that counted; NaN below five", label="spread of single gaps"),
         Output("test_aborted", "1", "whether the valve test was aborted",
-               "no: it was not, or there was none; by an excursion beyond its limit, by a swing that went on while the "
-               "command was held, or because the loop was switched off", flags=TEST_ABORTED,
+               "no: it was not, or there was none; by an excursion beyond its limit, at an end of the stroke that "
+               "did not bring the temperature back, by a swing that went on while the command was held, or because the "
+               "loop was switched off", flags=TEST_ABORTED,
                label="abortion of the test"),
         Output("coil_energy", "kW h", "heat exchanged by the water",
                "sum of m_w cp_w (T_w_out - T_w_in) dt; sign turned for heating", label="coil energy"),

@@ -13,10 +13,10 @@ from fastcoil.model.numerics.jit import exact
 
 OFF, SETTLE, RAMP, HOLD = 0.0, 1.0, 2.0, 3.0
 """Phases."""
-NO, EXCURSION, SWING, DISABLED = 0.0, 1.0, 2.0, 3.0
+NO, EXCURSION, END_OF_STROKE, SWING, DISABLED = 0.0, 1.0, 2.0, 3.0, 4.0
 """Why a test was aborted, in the order of the flags of the metric ``test_aborted``."""
-WATCHED = 60.0
-"""Last seconds of settling in which the temperature may move by the threshold at most."""
+WATCHED, CALM = 60.0, 0.3
+"""Last seconds of settling, and K that the temperature may move in them."""
 OVERSHOOT = 0.5
 """K by which the temperature may run on beyond the threshold while the command holds: gain x rate x lag of the plant.
 Where it was more, the next ramp is slower."""
@@ -100,7 +100,9 @@ def step(e, command, enabled, p, memory):
     turned_at = command if settled or turns else m.turned_at
     moved = command + (direction * ramp * p.sample_time if phase == RAMP else 0.0)
 
-    aborted = SWING if settled and highest - lowest > p.test_threshold else NO
+    aborted = SWING if settled and highest - lowest > CALM else NO
+    # turning there is enough where the temperature has come back
+    aborted = END_OF_STROKE if m.phase == RAMP and at_end and m.direction * e > 0.0 else aborted
     aborted = EXCURSION if abs(e) > p.test_excursion else aborted
     aborted = aborted if enabled else DISABLED
     ends = aborted != NO or elapsed >= 60.0 * p.test_minutes
