@@ -38,10 +38,12 @@ if TYPE_CHECKING:
     from fastcoil.loops.loop import Loop as Loop
     from fastcoil.loops.presets import presets as presets
     from fastcoil.loops.simulate import simulate as simulate
+    from fastcoil.loops.valve_test import ValveTest as ValveTest
     from fastcoil.measured.diagnose import diagnose as diagnose
     from fastcoil.measured.fit_coil import fit_coil as fit_coil
     from fastcoil.measured.fit_loop import fit_loop as fit_loop
     from fastcoil.measured.fit_valve import fit_valve as fit_valve
+    from fastcoil.measured.read_test import read_test as read_test
     from fastcoil.measured.replay import replay as replay
     from fastcoil.model.user_rules import estimator as estimator
     from fastcoil.model.user_rules import law as law
@@ -61,6 +63,7 @@ _HOME = {
     "LockedError": "base.errors",
     "Loop": "loops.loop",
     "StorageError": "base.errors",
+    "ValveTest": "loops.valve_test",
     "compare": "study.analysis.compare",
     "constant_day": "loops.boundary.days",
     "cost": "study.analysis.cost",
@@ -81,6 +84,7 @@ _HOME = {
     "paper_day": "loops.boundary.days",
     "parameter": "model.user_rules",
     "presets": "loops.presets",
+    "read_test": "measured.read_test",
     "replay": "measured.replay",
     "report": "deliver.report.report",
     "run_study": "study.run",

@@ -211,6 +211,7 @@ COLUMNS: dict[str, Series] = {
         Series("m_w", "water flow", WATER_FLOW, 0.0, 1000.0, scatters=True),
         Series("T_sup", "supply air temperature", TEMPERATURE, -40.0, 100.0),
         Series("T_w_out", "leaving water temperature", TEMPERATURE, 0.1, 150.0),
+        Series("test", "whether the valve test runs", NUMBER, 0.0, 1.0, hold=True, whole=True, needs_no_unit=True),
         Series("batch", "number of the experiment", NUMBER, 0.0, 1e9, hold=True, whole=True, needs_no_unit=True),
     )
 }  # fmt: skip

@@ -74,7 +74,7 @@ def missing_parameters(loop: Loop) -> list[str]:
 
 def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
     """Clashes within the controller, a sentence each.  T_set: all its set-points, °C."""
-    problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop)]
+    problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop), *_test_clashes(loop)]
     widest, width = float(np.max(np.asarray(loop["error_dead_band"]))), float(np.max(T_set) - np.min(T_set))
     if ONE_SET_POINT <= width <= widest:
         problems.append(
@@ -195,6 +195,23 @@ def _buffer_clashes(loop: Loop) -> list[str]:
     if largest >= 1.0:
         return [f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"]
     return []
+
+
+def _test_clashes(loop: Loop) -> Iterator[str]:
+    """A valve test that never starts, with another law, or with ramps that the motor cannot follow."""
+    if loop["test_start"] is None:
+        given = [p.name for p in PARAMETERS.values() if p.group == "test" and _is_changed(loop, p.name)]
+        if given:
+            yield f"{' and '.join(given)} without test_start: give the time at which the valve test starts"
+        return
+    if words_used(loop, "law") != {"pi"}:
+        yield "test_start with a law of your own: a valve test hands back to the PI, leave one out"
+    rate, stroke_time = _values(loop, "test_rate", "stroke_time")
+    if ((rate * stroke_time) >= 1.0).any():
+        yield (
+            f"test_rate = {float(rate.max()):g} 1/s: a motor of {float(stroke_time.max()):g} s for its stroke is "
+            "slower, give a lower rate"
+        )
 
 
 def _is_changed(loop: Loop, name: str) -> bool:

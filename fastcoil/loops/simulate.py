@@ -16,7 +16,7 @@ import joblib
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, whole_of
+from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import tell_limited
@@ -24,6 +24,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan, Shard, plan_simulation, shards_of, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, unflatten
+from fastcoil.loops.valve_test import ValveTest
 from fastcoil.model.engine.emulator import Day
 from fastcoil.model.engine.lanes import (
     Block,
@@ -219,6 +220,7 @@ def simulate(
     boundary: Boundary,
     *,
     command: Any = None,
+    test: ValveTest | None = None,
     traces: Sequence[str] = (),
     trace_interval: int = 1,
     warm_up: int = WARM_UP,
@@ -239,9 +241,11 @@ def simulate(
     command
         For an open loop: the command to the actuator, 0–1, (n_steps,) or (day, n_steps) in 1-s samples.  The
         controller is then off: ``u``, ``integral``, ``estimate`` are NaN, ``mode`` is 0.
+    test
+        A valve test of every loop, in place of what these say of one; see ``fc.ValveTest``.
     traces
         Names of the signals to keep: T_sup, T_measured, u, integral, command, position, opening, m_w, estimate, mode,
-        T_w_out, W_sup, wet_volumes, power and, with dim ``volume``, T_w, T_c, T_a, W_a.
+        test, T_w_out, W_sup, wet_volumes, power and, with dim ``volume``, T_w, T_c, T_a, W_a.
     trace_interval
         Seconds between the samples of a trace; a sample is the value at that second, not a mean.
     warm_up
@@ -274,6 +278,9 @@ def simulate(
     with checking() as check:
         n_threads = check(workers, n_jobs)
         progress = check.unless_none(flag_of, "progress", progress)
+        test = check.unless_none(instance_of, "test", test, ValveTest, "give a fastcoil.ValveTest")
+        if test is not None and isinstance(loop, Loop):
+            loop = loop.assign(**test.parameters())
         plan = check(
             plan_simulation, loop, boundary, command=command, traces=traces, trace_interval=trace_interval,
             warm_up=warm_up, seed=seed, replicates=replicates, carry_over=carry_over,

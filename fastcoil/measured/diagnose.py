@@ -84,9 +84,9 @@ def diagnose(
     """
     with checking() as check:
         logs = [check(log_of, "log", one) for one in (log if isinstance(log, (list, tuple)) else [log])]
-        stroke_time = check.unless_none(_seconds_of, "stroke_time", stroke_time, 0.0)
-        sample_time = check.unless_none(_seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
-        lag = check.unless_none(_seconds_of, "lag", lag, -_LONGEST)
+        stroke_time = check.unless_none(seconds_of, "stroke_time", stroke_time, 0.0)
+        sample_time = check.unless_none(seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
+        lag = check.unless_none(seconds_of, "lag", lag, -_LONGEST)
         gains = check(_gains_of, kp, ti)
         how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
@@ -94,7 +94,7 @@ def diagnose(
         raise InputError("log = []: give a log, or a list of logs of one valve")
     names, grids, notes, warnings = [], [], [], []
     for one in logs:
-        data = read_log(_measured(one) if "T_sup" not in (columns or {}) else one, WANTED, how)
+        data = read_log(as_measured(one) if "T_sup" not in (columns or {}) else one, WANTED, how)
         warnings += require_agreement(data)
         _off_without_set_point(data)
         grid, of_grid = on_grid(data)
@@ -161,7 +161,7 @@ def diagnose(
     )
 
 
-def _measured(log: Any) -> Any:
+def as_measured(log: Any) -> Any:
     """A Dataset of ``fc.simulate`` with the temperature that its controller read."""
     return log.assign(T_sup=log["T_measured"]) if hasattr(log, "data_vars") and "T_measured" in log else log
 
@@ -179,7 +179,8 @@ def _off_without_set_point(log: Log) -> None:
         log.notes.append(f"{counted(off, 'row')} without T_set: the plant counts as off there")
 
 
-def _seconds_of(name: str, value: Any, least: float) -> float:
+def seconds_of(name: str, value: Any, least: float) -> float:
+    """A time of the plant or the log, from ``least`` to an hour."""
     return number_of(name, value, f"give seconds, from {least:g} to {_LONGEST:g}", least=least, most=_LONGEST)
 
 
@@ -190,7 +191,7 @@ def _gains_of(kp: Any, ti: Any) -> tuple[float, float] | None:
         return None
     return (
         number_of("kp", kp, f"give 1/K, from {_LEAST_KP:g} to {_MOST_KP:g}", least=_LEAST_KP, most=_MOST_KP),
-        _seconds_of("ti", ti, _SHORTEST_SAMPLE),
+        seconds_of("ti", ti, _SHORTEST_SAMPLE),
     )
 
 

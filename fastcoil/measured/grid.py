@@ -16,7 +16,7 @@ from fastcoil.logs import Log
 from fastcoil.logs.series import counted
 from fastcoil.model.engine import recorded
 
-HELD = ("command", "T_set", "enabled")  # keep their values until the next sample in every log
+HELD = ("command", "T_set", "enabled", "test")  # keep their values until the next sample in every log
 LEAST_SAMPLES = 20
 _REGULAR, _NEARLY = 0.8, 0.25
 """A log is regular if this share of its steps are whole multiples of the median, to this share of it."""

@@ -260,9 +260,9 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
     of_days = np.array([_of_day(day, steady) for day in compared])
     logarithm = of_days.sum(axis=0)
     probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
-    found = _judged(probability, provoked, doubt)
+    found = judged(probability, provoked, doubt)
     if found.identified and many and not provoked and _agreement(of_days, found.backlash) < LEAST_AGREEMENT:
-        found = _judged(probability, provoked, "the days show different gaps: change the set-point up and down on one")
+        found = judged(probability, provoked, "the days show different gaps: change the set-point up and down on one")
     high = min(found.high + max(day.lost for day in compared) * found.backlash, float(CANDIDATES[-1]))
     return found._replace(high=high, late=_most_frequent([day.late for day in compared]))
 
@@ -395,7 +395,9 @@ def _misplaced(
     return ""
 
 
-def _judged(probability: Array, provoked: bool, doubt: str) -> Identification:
+def judged(
+    probability: Array, provoked: bool, doubt: str, cure: str = "change the set-point up and down, or log longer"
+) -> Identification:  # fmt: skip
     """The most probable size and whether it may be claimed.
 
     Where nothing but the temperature moved the command, the command itself has coefficients of its own, and a good
@@ -414,7 +416,7 @@ def _judged(probability: Array, provoked: bool, doubt: str) -> Identification:
     low, reason = low if worse else 0.0, doubt
     if not doubt and (surely[best] < SURE or (backlash > GOOD and not worse)):
         sizes = f"gaps from {100 * low:.1f} % to {100 * high:.1f} %"
-        reason = f"{sizes} explain the log: change the set-point up and down, or log longer"
+        reason = f"{sizes} explain the log: {cure}"
     elif not doubt and high >= CANDIDATES[-1]:
         reason = f"the gap may be {100 * high:.0f} % of the stroke or more, and larger ones are not looked for"
     return Identification(backlash, low, high, not reason, reason, CANDIDATES, probability)

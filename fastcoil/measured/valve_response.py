@@ -34,8 +34,8 @@ class Response(NamedTuple):
     gain: float  # K per stroke
     lag: float  # sum of both, s
     dead_time: float  # s
-    start: float  # of the stem, K-free: its place in the gap before the test, fraction of stroke
     explained: float  # share of the variance of the temperature
+    stem: Array  # its place behind the most probable gap, fraction of stroke, from the first row that is modelled on
     model: Array  # temperature of the model without drift, K from its start, at the samples that are compared
 
 
@@ -72,7 +72,8 @@ def response(
     high = stems(before, candidates, np.full(candidates.size, before[0]))[-1]
     n_starts = STARTS if np.max(high - low) > _CLOSED else 1
     starts = low + (high - low) * np.linspace(0.0, 1.0, n_starts)[:, np.newaxis]
-    openings = np.moveaxis(stems(positions[first:], candidates, starts), 0, -1) / (1.0 - candidates[:, np.newaxis])
+    places = np.moveaxis(stems(positions[first:], candidates, starts), 0, -1)
+    openings = places / (1.0 - candidates[:, np.newaxis])
     compared = slice(from_row - first, None)
     openings -= openings[..., compared][..., :1]
     y = temperature[first:] - temperature[from_row]
@@ -117,5 +118,4 @@ def response(
     model = gain * late(lagged(lagged(openings[start, size], slow), fast), dead)[compared]
     seen = y[compared]
     left = np.var(seen - model) / max(float(np.var(seen)), _TINY)
-    place = float(starts[start, size])
-    return Response(total, gain, slow + fast, dead, place, 1.0 - float(left), model)
+    return Response(total, gain, slow + fast, dead, 1.0 - float(left), places[start, size], model)

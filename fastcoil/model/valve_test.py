@@ -110,4 +110,3 @@ def step(e, command, enabled, p, memory):
     after = Memory(OFF if ends else phase, elapsed, since, direction, ramp, turned_at, m.reference, lowest, highest,
                    aborted)  # fmt: skip
     return command if aborted != NO else clipped(moved), after
-

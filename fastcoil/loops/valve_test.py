@@ -1,0 +1,108 @@
+"""``ValveTest``: twenty minutes in which the command goes up and down, so that the temperature tells the gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from fastcoil.base.errors import InputError
+from fastcoil.loops.assignment import checked_value
+from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.model.valve_test import FARTHEST, OVERSHOOT
+
+_GENTLE = {"minutes": 45.0, "rate": 3e-4, "threshold": 0.1, "hold": 90.0, "excursion": 1.0}
+_HEATING = {"minutes": 30.0, "rate": 5e-4, "hold": 60.0, "excursion": 3.0}
+_EACH = 30.0  # seconds between two commands of a technician
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValveTest:
+    """A valve test: the command takes over from the PI, goes up and down past the gap, and hands back without a bump.
+
+    The command holds for ``settle`` s, then moves at ``rate`` in the direction that brings the temperature back to the
+    set-point of the start.  Once the temperature has passed it by ``threshold``, the command holds for ``hold`` s,
+    turns, and moves the other way; each next ramp has the rate at which the temperature runs on by 0.5 K.  A loop may
+    have the same as parameters, ``test_start`` and so on, with values that are swept.
+
+    Parameters
+    ----------
+    start
+        When it starts, s from the start of the day.
+    minutes
+        How long it takes at most.
+    rate
+        Rate of the first ramp, 1/s: slower than the motor.  Later ones have 0.2 to 4 times as much.
+    threshold
+        Error at which a ramp ends, K.
+    settle, hold
+        Seconds for which the command holds before the first ramp, and after each.  With 900 s to settle the test also
+        tells whether a swing comes from outside the loop.
+    excursion
+        Error at which the test is aborted, K.
+
+    Raises
+    ------
+    InputError
+        With one sentence for each value out of its bounds.
+
+    Examples
+    --------
+    >>> import fastcoil as fc
+    >>> test = fc.ValveTest(start=3600, minutes=20)
+    >>> ds = fc.simulate(fc.Loop(sample_time=5), fc.constant_day(hours=2), test=test, traces=["T_measured", "test"])
+    >>> float(ds.test_aborted)
+    0.0
+    """
+
+    start: float = 0.0
+    minutes: float = float(PARAMETERS["test_minutes"].default or 0.0)
+    rate: float = float(PARAMETERS["test_rate"].default or 0.0)
+    threshold: float = float(PARAMETERS["test_threshold"].default or 0.0)
+    settle: float = float(PARAMETERS["test_settle"].default or 0.0)
+    hold: float = float(PARAMETERS["test_hold"].default or 0.0)
+    excursion: float = float(PARAMETERS["test_excursion"].default or 0.0)
+
+    def __post_init__(self) -> None:
+        problems = []
+        for name, value in self.parameters().items():
+            try:
+                checked_value(PARAMETERS[name], value)
+            except InputError as error:
+                problems += [problem.removeprefix("test_") for problem in error.problems]
+        if problems:
+            raise InputError(problems)
+
+    @classmethod
+    def gentle(cls, **changes: Any) -> ValveTest:
+        """The test that moves the temperature less: 45 minutes, most days within 1 K."""
+        return cls(**{**_GENTLE, **changes})
+
+    @classmethod
+    def heating(cls, **changes: Any) -> ValveTest:
+        """The test of a heating coil, whose temperature answers more: 30 minutes, within 3 K."""
+        return cls(**{**_HEATING, **changes})
+
+    def parameters(self) -> dict[str, float]:
+        """The test as parameters of a loop."""
+        return {f"test_{field.name}": getattr(self, field.name) for field in fields(self)}
+
+    def instructions(self) -> list[str]:
+        """What a technician does with a stop-watch, step by step."""
+        step = 100 * self.rate * _EACH
+        return [
+            "Before: log command, T_sup and, where there are any, m_a, T_a_in and T_w_in every 5 s, and start an hour "
+            "before the test.  Choose an hour in which load and water are steady.  The valve is neither shut nor open.",
+            f"Limits: if T_sup is ever more than {self.excursion:g} K from its set-point, or water, fan or set-point "
+            "change, stop: give the valve back to the controller.",
+            "1. Note the time, the set-point and the command.  Put the valve in hand at the command that it has.",
+            f"2. Wait {self.settle:g} s.  If T_sup moves by more than 0.3 K in a minute, stop: it is not the valve.",
+            f"3. Change the command by {step:.2g} % of the stroke every {_EACH:g} s, in the direction that brings T_sup"
+            " back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
+            f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {100 * FARTHEST:.0f} % of the "
+            f"stroke, leave the command for {self.hold:g} s.",
+            f"5. If T_sup ran on by more than {OVERSHOOT:g} K after step 4, halve the change of step 3; if by less than"
+            f" {OVERSHOOT / 2:g} K, double it.  Then move the command the other way, as in steps 3 and 4.",
+            f"6. Go on to and fro until {self.minutes:g} min have passed since step 1; twice each way is the least.",
+            "7. Note the time.  Give the valve back to the controller, bumplessly if it can, and log ten minutes more.",
+            "After: fastcoil valve-test read LOG.csv --between START END, both in seconds from the start of the log.",
+        ]
