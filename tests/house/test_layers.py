@@ -16,10 +16,10 @@ LAYERS = ["base", "model", "logs", "loops", "design", "measured", "study", "deli
 """A room imports from itself and from those before it."""
 INSIDE_MODEL = [
     ["parameter_table", "metric_table", "moist_air"],
-    ["numerics"], ["physics", "control"], ["estimators"], ["engine"], ["user_rules"],
+    ["numerics"], ["physics", "control"], ["valve_test"], ["estimators"], ["engine"], ["user_rules"],
 ]  # fmt: skip
 """The same inside the model, where compiled code lies."""
-COMPILED = {"numerics", "physics", "control", "estimators", "engine"}
+COMPILED = {"numerics", "physics", "control", "valve_test", "estimators", "engine"}
 NAME_NUMBA = {"jit.py", "kernel_cache.py", "compile_user_function.py", "stages.py"}
 """Files of model/numerics that may name the compiler."""
 MOST_LINES = 500
