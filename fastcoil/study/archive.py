@@ -37,6 +37,8 @@ LISTING, README = "archive.json", "README.txt"
 INPUTS, HERE = "inputs", "."
 """Folder of the files that the study reads, and where its paths start if it reads none."""
 _KIND, _FORMAT, _CHECKSUM = "fastcoil archive", 1, "sha256"
+_TEXTS = "fastcoil_version", "python_version", "platform", "model_sha256", "date_created"
+_TABLES = "package_versions", "computed_on"
 _LONGEST_NAME, _MOST_PARTS = 200, 30  # bytes of a part of a path; parts of a path
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first moment that a ZIP file can record
 _REGULAR = 0o100644 << 16
@@ -179,7 +181,7 @@ def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
     members = _members(store, ds, manifest, inputs)
     listing = Listing(
         content_sha256=str(ds.attrs["content_sha256"]),
-        made_with=_made_with(ds),
+        made_with={n: str(ds.attrs[n]) for n in _TEXTS} | {n: json.loads(ds.attrs[n]) for n in _TABLES},
         elsewhere=inputs.elsewhere,
         files={member: _entry(source) for member, source in members.items()},
     )
@@ -224,12 +226,6 @@ def _members(store: StudyFolder, ds: xr.Dataset, manifest: Manifest, inputs: Inp
         found[f"{inputs.base}/{STUDY}"] = text
     found |= {name: store.path / name for name in outputs} | inputs.files
     return dict(sorted(found.items()))
-
-
-def _made_with(ds: xr.Dataset) -> dict[str, object]:
-    texts = ("fastcoil_version", "python_version", "platform", "model_sha256", "date_created")
-    tables = ("package_versions", "computed_on")
-    return {n: str(ds.attrs[n]) for n in texts} | {n: json.loads(ds.attrs[n]) for n in tables}
 
 
 def _opened(source: bytes | Path) -> Any:

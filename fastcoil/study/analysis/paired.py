@@ -47,7 +47,6 @@ class Middle(NamedTuple):
     high: float
     q05: float
     q95: float
-    n: int
 
 
 def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
@@ -62,7 +61,7 @@ def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
         rows = values.values.reshape(-1, 1)
     rows = rows[np.isfinite(rows).any(axis=1)]
     if not rows.size:
-        return Middle(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
+        return Middle(np.nan, np.nan, np.nan, np.nan, np.nan)
     low = high = np.nan
     if len(rows) > 1:
         draw, n = np.random.default_rng(_SEED), len(rows)
@@ -71,8 +70,7 @@ def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
         medians = np.concatenate([median(part.reshape(_AT_ONCE, -1), axis=1) for part in drawn])
         low, high = np.quantile(medians, [0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     q05, q95 = np.nanquantile(rows, _SPREAD)
-    n = int(np.isfinite(rows).sum())
-    return Middle(float(np.nanmedian(rows)), float(low), float(high), float(q05), float(q95), n)
+    return Middle(float(np.nanmedian(rows)), float(low), float(high), float(q05), float(q95))
 
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}

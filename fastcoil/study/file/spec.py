@@ -29,6 +29,7 @@ from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.analysis.cost import TAKEN, tariff_of
+from fastcoil.study.analysis.selected import listed
 from fastcoil.study.analysis.summary import Billing
 from fastcoil.study.file.loop import axis_size, build_loop, read_includes, warn_of_magnitudes
 from fastcoil.study.file.own_code import Source, find_rules, find_source
@@ -49,7 +50,6 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
 _BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
 """Metrics and status: the result, its image on the way to disk, a copy while it is put together."""
 _MOST_OF_ANY = 2**32
-_MOST_LABELS = 10
 
 
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
@@ -107,8 +107,8 @@ def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
                 known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
                 problems.append(f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}")
             elif label not in (labels := layout.coordinates()[dim].values.tolist()):
-                listed = ", ".join(map(str, labels[:_MOST_LABELS]))
-                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {listed}")
+                known = listed([str(each) for each in labels])
+                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {known}")
     if problems:
         raise InputError(problems)
     return Billing(tariff, baseline)
