@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from fastcoil.base.arguments import checking
+from fastcoil.base.arguments import checking, choice_of
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import exists, has_mark, is_folder, require_file
 from fastcoil.cli.arguments import PATH, all_labels_of
@@ -96,12 +96,7 @@ def archive(folder: Path, out: Path | None) -> None:
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
 @click.option("-o", "--out", type=PATH, metavar="FILE", help="File to write; NAME with its suffix here by default.")
 def export(
-    path: Path,
-    language: str | None,
-    csv: bool,
-    metrics: tuple[str, ...],
-    at: tuple[str, ...],
-    out: Path | None,
+    path: Path, language: str | None, csv: bool, metrics: tuple[str, ...], at: tuple[str, ...], out: Path | None
 ) -> None:
     """Export results as a table, or the controller of a TOML file as source code.
 
@@ -120,28 +115,26 @@ def export(
                 f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: give the folder of a study"
             )
         export_code(path, language, out)
-    else:
-        if language:
-            raise InputError(
-                f"--language: for the controller of a TOML file, and {path} is none: leave it out, or give one"
-            )
-        if not csv:
-            raise InputError("give --csv, or a TOML file whose controller is exported")
-        export_table(path, metrics, at, out)
+        return
+    if language:
+        raise InputError(f"--language: for the controller of a TOML file, and {path} is none: leave it out")
+    if not csv:
+        raise InputError("give --csv, or a TOML file whose controller is exported")
+    export_table(path, metrics, at, out)
 
 
 def export_code(path: Path, language: str | None, out: Path | None) -> None:
     """Write the code of the controller in a study file; sweep, boundary and run are ignored."""
-    from fastcoil.deliver.export.export import SUFFIXES, export_controller, language_of
+    from fastcoil.deliver.export.export import SUFFIXES, export_controller
     from fastcoil.study.file.own_code import load_rules
     from fastcoil.study.file.spec import read_study
 
-    word = language_of(language or "c")
+    language = choice_of("language", language or "c", SUFFIXES)
     study = read_study(path)
     loop = study.plan.layout.loop
     load_rules(loop.rules, study.rules)
     announce_compilation()
-    for written in export_controller(loop, out or Path(path.stem + SUFFIXES[word]), language=word):
+    for written in export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language):
         say(f"Written: {written}")
 
 
@@ -155,7 +148,7 @@ def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: P
     from fastcoil.study.folder.results import open_results
 
     labels = all_labels_of("--at", at)
-    target = _target(path, ".csv", out)
+    target = _target(path, out)
     ds = open_results(path)
     with checking() as check:
         check(check_metrics, ds, metrics)
@@ -171,13 +164,12 @@ def export_table(path: Path, metrics: tuple[str, ...], at: Sequence[str], out: P
     say(f"Written: {target} ({rows}, {len(table.columns)} columns)")
 
 
-def _target(path: Path, suffix: str, out: Path | None) -> Path:
+def _target(path: Path, out: Path | None) -> Path:
     """The file to write: ``out``, or a default name in the folder ``out`` or the current one."""
     if out is None or is_folder(out):
-        name = path.resolve().name
-        target = (out or Path()) / ((name.removesuffix(".nc") or "results") + suffix)
+        target = (out or Path()) / f"{path.resolve().name.removesuffix('.nc') or 'results'}.csv"
         if exists(target) and not has_mark(target, b"fastcoil_version", _SAID_WITHIN):
             raise InputError(f"{target} exists, and fastcoil did not write it: name another file with -o, or delete it")
         return target
-    require_file("-o", out, suffix)
+    require_file("-o", out, ".csv")
     return out

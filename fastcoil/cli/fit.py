@@ -27,7 +27,6 @@ def fit() -> None:
 def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that all fits have."""
     for option in (
-        click.option("--fit-until", type=float, help="Last second to fit; the rest is used for validation."),
         click.option(
             "--split",
             type=float,
@@ -48,9 +47,20 @@ def _lag(text: str) -> float | str:
         return text
 
 
+def _as_numbers(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, float]:
+    found = {}
+    for name, text in pairs("--constant", value).items():
+        try:
+            found[name] = float(text)
+        except ValueError:
+            raise InputError(f"--constant {name}={text}: give a number") from None
+    return found
+
+
 with_constants = click.option(
-    "--constant", "constants", multiple=True, metavar="NAME=NUMBER", help="Constant value of a series not in the log."
-)
+    "--constant", "constants", multiple=True, metavar="NAME=NUMBER", callback=_as_numbers,
+    help="Constant value of a series not in the log.",
+)  # fmt: skip
 
 
 @fit.command("valve")
@@ -58,10 +68,6 @@ with_constants = click.option(
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
 @click.option("--floor", type=float, help="Lowest reading of the flow meter, kg/s; estimated by default.")
-@click.option("--settle", type=float, help="Ignore the flow for this many seconds after each change of the command.")
-@click.option(
-    "--initial", default="unknown", show_default=True, help="Side of the gap at the start: unknown, rising or falling."
-)
 @click.option(
     "--lag",
     type=_lag,
@@ -96,22 +102,9 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
 @with_constants
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
 @click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
-@click.option(
-    "--t-initial",
-    "T_initial",
-    type=float,
-    default=20.0,
-    show_default=True,
-    help="Initial temperature of water, coil and air, °C.",
-)
-@click.option("--volumes", "n_volumes", type=int, default=8, show_default=True, help="Number of control volumes.")
-@click.option("--air-march", default="lagged", show_default=True, help="lagged or quasistatic.")
-@click.option("--substeps", type=int, default=1, show_default=True, help="Model steps per second.")
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that is constant until the next sample.")
-def fit_coil_command(
-    data: Path, out: Path, constants: Sequence[str], both: bool, report: Path | None, **options: Any
-) -> None:
+def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **options: Any) -> None:
     """Fit the coil to m_w, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in) and T_sup of DATA.
 
     T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
@@ -121,21 +114,8 @@ def fit_coil_command(
 
     require_writable(out)
     announce_compilation("march_coil")
-    found = fit_coil(
-        data, constants=numbers("--constant", constants), minimise_on="both" if both else "T_sup", **options
-    )
+    found = fit_coil(data, minimise_on="both" if both else "T_sup", **options)
     write_and_print(found, out, report)
-
-
-def numbers(option: str, given: Sequence[str]) -> dict[str, float]:
-    """Parse ``NAME=NUMBER`` arguments into a mapping."""
-    found = {}
-    for name, text in pairs(option, given).items():
-        try:
-            found[name] = float(text)
-        except ValueError:
-            raise InputError(f"{option} {name}={text}: give a number") from None
-    return found
 
 
 def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
@@ -164,9 +144,7 @@ def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
 )
 @with_constants
 @click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
-def fit_loop_command(
-    data: Path, out: Path, parts: Sequence[str], constants: Sequence[str], report: Path | None, **options: Any
-) -> None:
+def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path | None, **options: Any) -> None:
     """Fit the backlash without a flow meter, to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in).
 
     Each candidate is simulated with the logged command.  Small errors of the coil and the valve curve do little harm;
@@ -177,7 +155,7 @@ def fit_loop_command(
     require_writable(out)
     loop = _loop_of(parts)
     announce_compilation()
-    found = fit_loop(data, loop, constants=numbers("--constant", constants), **options)
+    found = fit_loop(data, loop, **options)
     write_and_print(found, out, report)
 
 

@@ -56,18 +56,9 @@ class _Asked(NamedTuple):
 @click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
 @click.option("--width", metavar="LENGTH", help="Width of the figure, such as 84mm; letters keep their size.")
 def plot(
-    folder: Path,
-    metrics: tuple[str, ...],
-    x: str | None,
-    y: str | None,
-    by: str | None,
-    at: tuple[str, ...],
-    relative_to: tuple[str, ...],
-    out: Path | None,
-    format: str | None,
-    dpi: str,
-    width: str | None,
-) -> None:
+    folder: Path, out: Path | None, format: str | None, dpi: str, metrics: tuple[str, ...], x: str | None,
+    y: str | None, by: str | None, at: tuple[str, ...], relative_to: tuple[str, ...], width: str | None,
+) -> None:  # fmt: skip
     """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES, check_format, write
     from fastcoil.study.folder.folder import StudyFolder

@@ -13,6 +13,7 @@ import click
 
 from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
+from fastcoil.base.files import commit, exists
 from fastcoil.base.progress import duration
 from fastcoil.cli.arguments import PATH, labels_of, with_scenario
 from fastcoil.cli.interrupts import interruptible
@@ -66,15 +67,9 @@ def run(
 
     with interruptible(study, folder), progress_of_command() as shown:
         finished = execute(
-            asked,
-            folder,
-            n_jobs=jobs,
-            backend=backend,
-            scheduler=scheduler,
-            extend=extend,
-            progress=progress,
+            asked, folder, n_jobs=jobs, backend=backend, scheduler=scheduler, extend=extend, progress=progress,
             present=present,
-        )
+        )  # fmt: skip
     if bool((finished.results["status"].values != STATUS_OK).any()):
         sys.exit(EXIT_FAILED_SCENARIOS)
 
@@ -165,20 +160,12 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     texts = {"study": TEMPLATE} if name is None else shipped_studies()
     name = choice_of("--from", name or "study", texts)
     path, text = study or Path(f"{name}.toml"), texts[name]
-    _write_new(path, text)
+    if exists(path):
+        raise InputError(f"{path} exists: choose another name, or delete it")
+    commit(path, text.encode())
     say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
     # the script that does what `fastcoil run` does not
     say(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
-
-
-def _write_new(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise InputError(f"{path} exists: choose another name, or delete it") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from None
 
 
 @click.command()

@@ -58,7 +58,7 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
     with checking() as check:
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         path = check(path_of, "path", path, "give a file such as inverse.c")
-        language = check(language_of, language)
+        language = check(choice_of, "language", language, SUFFIXES)
     suffix = SUFFIXES[language]
     if path.suffix != suffix or not may_be_file(path):
         raise InputError(
@@ -85,11 +85,6 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
     for name, content in files.items():
         commit(path.with_name(name), content.encode())
     return [path.with_name(name) for name in files]
-
-
-def language_of(language: object) -> str:
-    """One of the languages."""
-    return choice_of("language", language, SUFFIXES)
 
 
 def _require_name(path: Path, language: str) -> None:

@@ -96,9 +96,8 @@ class Printer:
             return self.words["state"] + node.attr
         if isinstance(node, ast.Subscript):
             return f"{self.say(node.value)}[{self.say(node.slice)}]"
-        if isinstance(node, ast.Call):
-            return f"{self.functions[ast.unparse(node.func)]}({', '.join(map(self.say, node.args))})"
-        raise TypeError(f"the laws have no {ast.unparse(node)}")
+        call: Any = node
+        return f"{self.functions[ast.unparse(call.func)]}({', '.join(map(self.say, call.args))})"
 
     def block(self, body: list[ast.stmt], depth: int) -> list[str]:
         """Statements as lines."""
@@ -160,9 +159,7 @@ class Printer:
             for target in targets_of(node):
                 if isinstance(target, ast.Name) and target.id not in arguments:
                     known = self.laws.kinds | arguments | found
-                    kind = kind_of(node.value, known) if isinstance(node, ast.Assign) else "whole"
-                    if found.setdefault(target.id, kind) != kind:
-                        raise TypeError(f"{target.id} has two types in the laws")
+                    found.setdefault(target.id, kind_of(node.value, known) if isinstance(node, ast.Assign) else "whole")
         return found
 
 

@@ -89,17 +89,13 @@ class InST(Printer):
         laws, step = self.laws, self.laws.functions["step"]
         shown = [one for one in laws.fields if one.name in OUTPUTS]
         hidden = [one for one in laws.fields if one.name not in OUTPUTS]
-        found = self.locals_of(step.body, step.kinds)
-        named = [one.name.lower() for one in (*step.arguments, *laws.constants, *laws.fields)]
-        for name in {each.lower() for each in found}.intersection(named):
-            raise TypeError(f"{name} is two things in the laws: Structured Text does not tell them apart")
         lines = [
             f"FUNCTION_BLOCK {self.block_name}",
             *("VAR_INPUT", *self.listed(step.arguments, self._declared, _STEP), "END_VAR"),
             *("VAR_OUTPUT", *self.listed(shown, self._declared, _STEP), "END_VAR"),
             *("VAR CONSTANT", *self.listed(laws.constants, self._constant, _STEP), "END_VAR"),
             *(f"VAR  (* {laws.state_text} *)", *self.listed(hidden, self._declared, _STEP), "END_VAR"),
-            *self._intermediate(found),
+            *self._intermediate(self.locals_of(step.body, step.kinds)),
             *("", *self._section(step), "END_FUNCTION_BLOCK"),
         ]
         return "\n".join(lines)
@@ -116,8 +112,7 @@ class InST(Printer):
                 inner |= self.locals_of(one.body, one.kinds)
             elif isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("zeros("):
                 inner = {"i": "whole"}
-            if any(found.setdefault(name, kind) != kind for name, kind in inner.items()):
-                raise TypeError(f"one of {', '.join(inner)} has two types in the laws")
+            found |= inner
         return found
 
     def _declared(self, one: Named) -> str:

@@ -1,4 +1,4 @@
-"""The translation of the laws: expressions keep their grouping, names stay apart."""
+"""The translation of the laws: expressions keep their grouping, loops their bounds."""
 
 import ctypes
 import math
@@ -105,9 +105,3 @@ def test_loops_are_kept_and_what_is_said_of_constants_and_functions():
     assert "FOR i := COUNT - 1 TO 1 BY -1 DO" in text
     for written in (text, InC(found, "test").text()):
         assert all(said in written for said in ("a constant", "What is found.", "Find."))
-
-
-@pytest.mark.parametrize("name", ["number", "R_0", "A"])
-def test_names_that_structured_text_cannot_tell_apart_are_found(name):
-    with pytest.raises(TypeError, match="does not tell them apart"):
-        InST(laws(f"{name} = a * b", f"s.r_0 = {name}"), "test").text()
