@@ -13,7 +13,7 @@ from helpers.browsers import chromium, exploring, settled, why_no_browser
 from suite import QUICK
 
 from fastcoil.deliver.explore.loop import Model
-from fastcoil.deliver.explore.settings import Settings
+from fastcoil.deliver.explore.settings import Settings, settings_of
 
 GAPS, NOISES = 31, 11
 """Steps of two sliders."""
@@ -39,10 +39,11 @@ slider.value = slider.categories[at]
 def test_server(timed: Timed, what: str) -> None:
     """All that a move makes new, on one thread."""
     model = Model()
+    usual = settings_of(model.first, model.starts[model.first])
     gaps = itertools.count(1)
 
     def another() -> tuple[tuple[object, ...], dict[str, object]]:
-        return (replace(model.usual, backlash=0.0001 * next(gaps), noise_std=0.01),), {}
+        return (replace(usual, backlash=0.0001 * next(gaps), noise_std=0.01),), {}
 
     def both(settings: Settings) -> tuple[object, object]:
         return model.run(settings), model.map(replace(settings, kp=0.02))

@@ -22,9 +22,9 @@ def run() -> None:
     """Run the command line; exit with its code, or with that of a storage error if output was lost."""
     gc.set_threshold(100_000)  # imports make many objects that stay: scanning them again and again takes 0.2 s
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # the same for workers
-    streams = guard_streams()
+    stdout = guard_streams()
     code = _run_command()
-    lost = streams.loss()
+    lost = stdout.loss()
     if lost is not None:
         say(f"fastcoil: not all lines could be printed ({lost}); files were written as usual", err=True)
     if code in (EXIT_INTERRUPTED, EXIT_TERMINATED):

@@ -4,59 +4,40 @@ import errno
 import io
 import os
 import sys
-from typing import Any, NamedTuple, TextIO, cast
+from typing import TextIO
 
 
-class Output:
+class Output(io.TextIOWrapper):
     """A text stream; from its first error on, ``lost``, it leads to /dev/null."""
 
-    def __init__(self, stream: TextIO | None, descriptor: int) -> None:
-        self.lost: OSError | None = None
-        if stream is None:  # the descriptor was closed when the interpreter started
-            self.lost = OSError(errno.EBADF, os.strerror(errno.EBADF))
-            stream = os.fdopen(descriptor, "w", encoding="utf-8", closefd=False)
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace", line_buffering=True)
-        self._stream = stream
+    lost: OSError | None = None
 
     def write(self, text: str) -> int:
         try:
-            return self._stream.write(text)
+            return super().write(text)
         except OSError as error:
             self._give_up(error)
             return len(text)
 
     def flush(self) -> None:
         try:
-            self._stream.flush()
+            super().flush()
         except OSError as error:
             self._give_up(error)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+    def loss(self) -> str | None:
+        """Why part of it was lost; None if nothing was lost, or only because the reader closed the pipe."""
+        self.flush()
+        return None if self.lost is None or self.lost.errno == errno.EPIPE else os.strerror(self.lost.errno or 0)
 
     def _give_up(self, error: OSError) -> None:
         self.lost = self.lost or error
-        with open(os.devnull, "w", encoding="utf-8") as nowhere:
-            os.dup2(nowhere.fileno(), self._stream.fileno())
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), self.fileno())
 
 
-class Streams(NamedTuple):
-    """Standard output and standard error."""
-
-    stdout: Output
-    stderr: Output
-
-    def loss(self) -> str | None:
-        """Why part of stdout was lost; None if nothing was lost, or only because the reader closed the pipe."""
-        self.stdout.flush()
-        self.stderr.flush()
-        lost = self.stdout.lost
-        return None if lost is None or lost.errno == errno.EPIPE else os.strerror(lost.errno or 0)
-
-
-def guard_streams() -> Streams:
-    """Replace ``sys.stdout`` and ``sys.stderr`` by streams that never raise.
+def guard_streams() -> Output:
+    """Replace ``sys.stdout``, which is returned, and ``sys.stderr`` by streams that never raise.
 
     Closed descriptors 0 to 2 are opened on /dev/null, so that no data file gets one of them and receives what a library
     prints.
@@ -66,6 +47,14 @@ def guard_streams() -> Streams:
             os.fstat(descriptor)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # gets the lowest free number, this one
-    streams = Streams(Output(sys.stdout, 1), Output(sys.stderr, 2))
-    sys.stdout, sys.stderr = cast("TextIO", streams.stdout), cast("TextIO", streams.stderr)
-    return streams
+    sys.stdout, sys.stderr = stdout, _ = _output(sys.stdout, 1), _output(sys.stderr, 2)
+    return stdout
+
+
+def _output(stream: TextIO | None, descriptor: int) -> Output:
+    """A stream like one of Python's; that is None where the descriptor was closed when the interpreter started."""
+    buffer = io.BufferedWriter(io.FileIO(descriptor, "wb", closefd=False))
+    output = Output(buffer, stream.encoding if stream else "utf-8", "backslashreplace", line_buffering=True)
+    if stream is None:
+        output.lost = OSError(errno.EBADF, os.strerror(errno.EBADF))
+    return output

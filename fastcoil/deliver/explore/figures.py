@@ -1,6 +1,6 @@
 """The Bokeh figures of the page, filled with a loop or with a map."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from bokeh.plotting import figure
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
-from fastcoil.deliver.explore.loop import AXES, EVERY, Map, Run
+from fastcoil.deliver.explore.loop import AXES, EVERY, Run
 from fastcoil.deliver.explore.settings import CHOICES, DIALS, Settings
 from fastcoil.design.advice import UNSURE
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
@@ -175,13 +175,13 @@ class MapFigure:
         self.fig.on_event(Tap, lambda event: on_tap(event.x, event.y))
         self.fig.grid.visible = False
 
-    def show(self, found: Map, settings: Settings) -> bool:
+    def show(self, found: Mapping[str, Array], settings: Settings) -> bool:
         """Fill it with a map, and mark a loop on it; whether the loop lies on the map."""
-        self._colours.high = _MOST[found.axes][settings.colour]
+        self._colours.high = _MOST[settings.axes][settings.colour]
         self._bar.title = f"{CHOICES['colour'].words[settings.colour]} [K]"
-        self._cells.data = self._laid_out(found.axes) | {"value": found.values[settings.colour].ravel()}
+        self._cells.data = self._laid_out(settings.axes) | {"value": found[settings.colour].ravel()}
         at = {}
-        for side, (name, values) in zip("xy", AXES[found.axes].items(), strict=True):
+        for side, (name, values) in zip("xy", AXES[settings.axes].items(), strict=True):
             at[side] = [np.interp(getattr(settings, name), values, range(len(values)), left=np.nan, right=np.nan)]
         self._point.data = at
         return bool(np.isfinite([*at["x"], *at["y"]]).all())

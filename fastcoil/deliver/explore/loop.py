@@ -9,15 +9,7 @@ from typing import Any, NamedTuple
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.deliver.explore.settings import (
-    DIALS,
-    GIVEN,
-    Settings,
-    Start,
-    estimator_of,
-    settings_of,
-    starts,
-)
+from fastcoil.deliver.explore.settings import DIALS, GIVEN, Settings, Start, estimator_of, starts
 from fastcoil.design.advice import NO_INVERSE, REPAIRED, per_cent
 from fastcoil.design.explain import explain
 from fastcoil.loops.boundary import Boundary
@@ -142,19 +134,12 @@ AXES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 """Parameters along the sides of a map and their values, x first: three or four blocks of lanes."""
 
 
-class Map(NamedTuple):
-    """Metrics over two parameters; ``values`` by metric, (n_y, n_x)."""
-
-    axes: str
-    values: Mapping[str, Array]
-
-
-def map_of(axes: str, scene: Scenario) -> Map:
-    """Simulate all loops of a map."""
+def map_of(axes: str, scene: Scenario) -> Mapping[str, Array]:
+    """Simulate all loops of a map: metrics over its two parameters by name, (n_y, n_x)."""
     (x, along_x), (y, along_y) = AXES[axes].items()
     swept = scene.loop.assign(**{y: list(along_y), x: list(along_x)})
     ds = simulate(swept, scene.boundary, warm_up=scene.warm_up, seed=scene.seed, n_jobs=1, progress=False)
-    return Map(axes, {name: ds[name].transpose(y, x).values for name in ("rmse", "hunting_swing")})
+    return {name: ds[name].transpose(y, x).values for name in ("rmse", "hunting_swing")}
 
 
 _RUNS, _MAPS = 200, 100  # sizes of the caches: 0.3 MB and 4 kB an entry
@@ -174,16 +159,11 @@ class Model:
             lambda settings: map_of(settings.axes, scene_of(settings, self.starts[settings.loop]))
         )
 
-    @property
-    def usual(self) -> Settings:
-        """What a page without a query shows."""
-        return settings_of(self.first, self.starts[self.first])
-
     def run(self, settings: Settings) -> Run:
         """The loop of some settings, simulated and predicted."""
         return self._run(replace(settings, axes="tuning", colour="rmse", window="day"))
 
-    def map(self, settings: Settings) -> Map:
+    def map(self, settings: Settings) -> Mapping[str, Array]:
         """The map around it, which does not depend on where its own point lies."""
         (x, along_x), (y, along_y) = AXES[settings.axes].items()
         point: Any = {x: along_x[-1], y: along_y[0]}

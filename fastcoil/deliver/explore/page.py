@@ -1,7 +1,7 @@
 """What one reader sees and moves: sliders, menus and buttons, figures and texts, and the work behind them."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -12,9 +12,10 @@ from bokeh.document import Document, without_document_lock
 from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import Button, CategoricalSlider, Column, ColumnDataSource, CustomJS, InlineStyleSheet, Row, Select
 
+from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.explore.figures import LoopFigures, MapFigure
-from fastcoil.deliver.explore.loop import AXES, Map, Model, Run
+from fastcoil.deliver.explore.loop import AXES, Model, Run
 from fastcoil.deliver.explore.settings import (
     CHOICES,
     DIALS,
@@ -169,7 +170,7 @@ class Page:
         self._soon(partial(self._show_run, settings, run))
         self._soon(partial(self._show_map, settings, await ahead))
 
-    def _swept(self, settings: Settings) -> Map | InputError:
+    def _swept(self, settings: Settings) -> Mapping[str, Array] | InputError:
         """The map, or why there is none: it may be refused where the loop itself is not."""
         try:
             return self._model.map(settings)
@@ -193,7 +194,7 @@ class Page:
             advice=run.advice, query=query_of(settings, self._model.starts), phase="map",
         )  # fmt: skip
 
-    def _show_map(self, settings: Settings, found: Map | InputError) -> None:
+    def _show_map(self, settings: Settings, found: Mapping[str, Array] | InputError) -> None:
         if isinstance(found, InputError):
             self._map.clear()
             note = _joined(["No map", *found.problems])

@@ -98,16 +98,11 @@ DIALS = {
 }  # fmt: skip
 """By parameter; ``m_a`` is of the day, all others are of the loop."""
 CHOICES = {
-    "valve": Choice(
-        "Valve curve",
-        {"own": "of the loop", "0.7": "authority 0.7", "0.3": "authority 0.3", "0.1": "authority 0.1"},
-    ),
+    "valve": Choice("Valve curve", {"own": "of the loop", **{a: f"authority {a}" for a in ("0.7", "0.3", "0.1")}}),
     "estimator": Choice(
         "Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}
     ),
-    "day": Choice(
-        "Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}
-    ),
+    "day": Choice("Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
     "axes": Choice("Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),
     "colour": Choice("Colour", {"rmse": "RMS error", "hunting_swing": "hunting swing"}),
     "window": Choice("Time shown", {"day": "whole day", "2h": "2 h", "half": "30 min"}),

@@ -10,7 +10,7 @@ import numpy as np
 
 from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import commit, exists, has_mark, may_be_file
+from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.c import InC
 from fastcoil.deliver.export.controller import Controller, templates
@@ -59,11 +59,7 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         path = check(path_of, "path", path, "give a file such as inverse.c")
         language = check(choice_of, "language", language, SUFFIXES)
-    suffix = SUFFIXES[language]
-    if path.suffix != suffix or not may_be_file(path):
-        raise InputError(
-            f"path = {shown(str(path))}: give a file NAME{suffix} in a folder that exists, or another language"
-        )
+    require_file("path", path, SUFFIXES[language])
     _require_name(path, language)
     controller = Controller(loop)
     text = controller.text()

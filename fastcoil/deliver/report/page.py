@@ -8,9 +8,8 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -88,24 +87,20 @@ DPI = 200
 _BESIDE = ("baseline", "never", "yes", "no")  # words in a column of numbers
 
 
-@dataclass(frozen=True)
-class Words:
+class Words(NamedTuple):
     """Paragraphs, or with ``bullets`` the items of a list."""
 
     lines: Sequence[str]
     bullets: bool = False
-    kind: ClassVar[str] = "words"
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """Cells as they are shown; the first column names the row.  note: what is left out, or means what."""
 
     caption: str
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""
-    kind: ClassVar[str] = "table"
 
     @property
     def sides(self) -> list[str]:
@@ -121,15 +116,13 @@ def facts(*pairs: tuple[str, str]) -> Table:
     return Table("", (), pairs)
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it; file: where it lies."""
 
-    png: bytes = field(repr=False)
+    png: bytes
     caption: str
     alt: str
     file: str = ""
-    kind: ClassVar[str] = "picture"
 
     @property
     def source(self) -> str:
@@ -137,12 +130,10 @@ class Picture:
         return "data:image/png;base64," + base64.b64encode(self.png).decode()
 
 
-@dataclass(frozen=True)
-class Code:
+class Code(NamedTuple):
     """Text in which every space counts."""
 
     text: str
-    kind: ClassVar[str] = "code"
 
     @property
     def lines(self) -> list[str]:
@@ -152,16 +143,14 @@ class Code:
 Block = Words | Table | Picture | Code
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """A heading and what follows it."""
 
     title: str
     blocks: Sequence[Block]
 
 
-@dataclass(frozen=True)
-class Page:
+class Page(NamedTuple):
     """A report.
 
     label: what kind of report.  question: what was asked.  warnings: what the reader must know before the answer.

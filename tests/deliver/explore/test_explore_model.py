@@ -32,6 +32,11 @@ def model():
     return Model()
 
 
+def usual(model):
+    """What a page without a query shows."""
+    return settings_of(model.first, model.starts[model.first])
+
+
 @pytest.fixture(scope="module")
 def tell(model):
     """Return a function that gives the settings of a story, and what is shown of it."""
@@ -102,18 +107,18 @@ def test_the_numbers_of_the_sentence_are_those_of_the_traces(tell):
 @pytest.mark.kernel
 @pytest.mark.parametrize("axes", AXES)
 def test_a_cell_of_the_map_is_its_loop_to_the_bit(model, axes, working_day):
-    found = model.map(replace(model.usual, axes=axes))
+    found = model.map(replace(usual(model), axes=axes))
     (x, along_x), (y, along_y) = AXES[axes].items()
     for i, j in ((3, 2), (-1, -1)):
         loop = fc.Loop(**{x: along_x[i], y: along_y[j]})
         ds = fc.simulate(loop, working_day, n_jobs=1)
-        assert found.values["rmse"][j, i] == ds.rmse
-        assert found.values["hunting_swing"][j, i] == ds.hunting_swing
+        assert found["rmse"][j, i] == ds.rmse
+        assert found["hunting_swing"][j, i] == ds.hunting_swing
 
 
 @pytest.mark.kernel
 def test_only_what_changes_is_computed_again(model):
-    here = model.usual
+    here = usual(model)
     assert model.map(here) is model.map(replace(here, kp=0.05, ti=100.0, colour="hunting_swing", window="day"))
     assert model.map(here) is not model.map(replace(here, noise_std=0.02))
     assert model.run(here) is model.run(replace(here, axes="size", colour="hunting_swing", window="day"))
@@ -126,11 +131,11 @@ def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
     path.write_text('[loop]\npreset = "lbnl"\nkp = 0.4\nestimate_ratio = 0.5\n[boundary]\nhours = 1\nseed = 9\n')
     given = one_scenario(path, {}, {})
     model = Model(given)
-    assert model.usual.loop == "given"
-    run = model.run(model.usual)
+    assert usual(model).loop == "given"
+    run = model.run(usual(model))
     ds = fc.simulate(fc.Loop.preset("lbnl").assign(kp=0.4, estimate_ratio=0.5), fc.paper_day(hours=1, seed=9), n_jobs=1)
     assert run.value("rmse") == ds.rmse
-    assert model.usual.kp == 0.4
+    assert usual(model).kp == 0.4
     path.write_text('[loop]\npreset = "lbnl"\n[boundary]\nhours = 30\n')
     with pytest.raises(fc.InputError, match="its day lasts 30 h: give at most 24 h"):
         Model(one_scenario(path, {}, {}))
@@ -160,7 +165,7 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell):
     ):
         seen = model.run(replace(settings, **changes))
         assert words in f"{seen.answer}  {seen.advice} {seen.learning} {seen.why}", changes
-    errors = model.map(plain).values["rmse"]
+    errors = model.map(plain)["rmse"]
     j, i = np.unravel_index(np.argmin(errors), errors.shape)
     assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)
     assert round(float(errors[j, i]), 2) == 0.16 == round(run.value("rmse"), 2)
