@@ -12,7 +12,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, path_of
+from fastcoil.base.arguments import checking, flag_of, path_of, text_of
 from fastcoil.base.errors import InputError, IntegrityError, StorageError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
@@ -117,6 +117,7 @@ def run_study(
         path = check(path_of, "path", path, "give the path of a study file")
         folder = check.unless_none(path_of, "out", out, "give the path of a folder")
         n_jobs = check(workers, n_jobs)
+        scheduler = check.unless_none(text_of, "scheduler", scheduler)
         check(check_backend, backend, scheduler)
         extend = check(flag_of, "extend", extend)
         progress = check.unless_none(flag_of, "progress", progress)
