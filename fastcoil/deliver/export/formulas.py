@@ -16,7 +16,6 @@ import numpy as np
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.export.values import (
     Number,
-    Record,
     Scope,
     Table,
     assigned,
@@ -154,10 +153,8 @@ class Formulas(ABC):
     def _merged(self, name: str, pair: tuple[Any, Any], key: Any, test: ast.expr, blocks: list[list[ast.stmt]]) -> Any:
         """One of two values, which blocks of statements store in a variable where they differ."""
         yes, no = pair
-        if isinstance(yes, Record) and isinstance(no, Record) and yes.fields.keys() == no.fields.keys():
-            pairs = {n: (one, no.fields[n]) for n, one in yes.fields.items()}
-            merged = {n: self._merged(f"{name}_{n}", each, key, test, blocks) for n, each in pairs.items()}
-            return Record(yes.cls, merged)
+        if isinstance(yes, dict):  # a tuple, by name or place
+            return {n: self._merged(f"{name}_{n}", (one, no[n]), key, test, blocks) for n, one in yes.items()}
         if yes.is_same(no) and self._is_steady(yes):
             return yes
         out = self._local(name, key)
@@ -191,12 +188,11 @@ class Formulas(ABC):
 
     def _bound(self, name: str, value: Any, key: Any, many: bool = False) -> Any:
         """A value as later statements may read it; many: it is one of several that a variable gets."""
-        if isinstance(value, Record):
-            bound = {
+        if isinstance(value, dict):
+            return {
                 n: one if not many and self._is_steady(one) else self._bound(f"{name}_{n}", one, key, many)
-                for n, one in value.fields.items()
+                for n, one in value.items()
             }
-            return Record(value.cls, bound)
         if not isinstance(value, Number) or (not many and value.is_atom and self._is_steady(value)):
             return value
         out = self._local(name, key)
@@ -241,7 +237,7 @@ class Formulas(ABC):
         if isinstance(node, ast.Attribute):
             return self._attribute(self._value(node.value, scope), node)
         if isinstance(node, ast.Tuple):
-            return Record(None, {str(k): self._value(one, scope) for k, one in enumerate(node.elts)})
+            return {str(k): self._value(one, scope) for k, one in enumerate(node.elts)}
         if isinstance(node, ast.UnaryOp):
             return self._unary(node, self._value(node.operand, scope))
         if isinstance(node, ast.BoolOp):
@@ -302,8 +298,8 @@ class Formulas(ABC):
         return called
 
     def _attribute(self, of: Any, node: ast.Attribute) -> Any:
-        if isinstance(of, Record) and node.attr in of.fields:
-            return of.fields[node.attr]
+        if isinstance(of, dict) and node.attr in of:
+            return of[node.attr]
         if isinstance(of, ModuleType) and hasattr(of, node.attr):
             value = getattr(of, node.attr)
             return constant(value) if isinstance(value, float) else value
@@ -312,8 +308,8 @@ class Formulas(ABC):
     def _element(self, node: ast.Subscript, scope: Scope) -> Any:
         of = self._value(node.value, scope)
         index = self._value(node.slice, scope)
-        if isinstance(of, Record):
-            return [*of.fields.values()][index.value]
+        if isinstance(of, dict):
+            return [*of.values()][index.value]
         if index.value is not None and of.values:
             return constant(of.values[index.value])
         return Number(ast.Subscript(expression(of.name), index.text))

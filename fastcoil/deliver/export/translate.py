@@ -29,7 +29,6 @@ from fastcoil.deliver.export.python import (
 )
 from fastcoil.deliver.export.values import (
     Number,
-    Record,
     Scope,
     Table,
     assigned,
@@ -94,11 +93,11 @@ class Translator(Formulas):
         self._begin()
         self.bounds: dict[str, int] = {}
         """Largest value of each counter."""
-        parameters = Record(self.Parameters, {n: self._parameter(n, float(x)) for n, x in self.numbers.items()})
+        parameters = {n: self._parameter(n, float(x)) for n, x in self.numbers.items()}
         first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
         if self.start is not None:
             self.path = ("start",)
-            first = self._inlined(self.start, [parameters], lambda found: found.fields)
+            first = self._inlined(self.start, [parameters], lambda found: found)
         memory: dict[str, Any] = {}
         for n, name in self.fields.items():
             value = self._real(first[n])
@@ -109,14 +108,14 @@ class Translator(Formulas):
                 self._store(name, value)
             memory[n] = self._variable(name)
         begins = self._afresh()
-        given = [self._sample(), parameters, Record(self.Memory, memory), *([Table()] if self.words else [])]
+        given = [self._sample(), parameters, memory, *([Table()] if self.words else [])]
         self._inlined(self.step, given, self._commit)
         return self._written(begins, needed(self.out, {self.goal, "s.w"}))
 
     def _parameter(self, name: str, value: float) -> Number:
         return constant(value) if name in self.literal else Number(ast.Name(name.upper()), "real", value)
 
-    def _sample(self) -> Record:
+    def _sample(self) -> dict[str, Any]:
         """What the rule sees, by the names that the controller has for it."""
         texts = {
             "t": "s.clock", "T_set": "T_set", "T": "T_sup" if self.kind == "law" else "s.T_seen", "e": "s.e",
@@ -126,14 +125,14 @@ class Translator(Formulas):
         seen["m_a"] = Number(expression("m_a"), needs=frozenset({"m_a >= 0.0"}))
         modes = (lambda: constant(1.0), lambda: constant(-1.0))
         seen["mode"] = self._either(expression("s.rising"), modes, "mode", "mode")
-        return Record(None, seen)
+        return seen
 
     # what a step leaves
 
     def _commit(self, found: Any) -> Any:
         """Store what the rule returns; what reads a value of before is kept aside until all are found."""
-        decided, memory = found.fields.values()
-        numbers: dict[str, Number] = {self.fields[n]: one for n, one in memory.fields.items()}
+        decided, memory = found.values()
+        numbers: dict[str, Number] = {self.fields[n]: one for n, one in memory.items()}
         numbers[self.goal] = self._real(decided)
         changed = {target: number for target, number in numbers.items() if ast.unparse(number.text) != target}
         fields = {*changed, *(f"{target}_known" for target in changed)}
@@ -212,7 +211,7 @@ class Translator(Formulas):
         if isinstance(target, ast.Name):
             scope.names[target.id] = self._bound(target.id, value, "local", scope.stored[target.id] > 1)
         elif isinstance(target, (ast.Tuple, ast.List)):
-            parts = [*value.fields.values()]
+            parts = [*value.values()]
             # all are found before the first is stored, as in a, b = b, a
             if any(isinstance(one, ast.Name) and scope.stored[one.id] > 1 for one in target.elts):
                 parts = [self._bound("before", one, ("before", id(target), k)) for k, one in enumerate(parts)]
@@ -281,7 +280,7 @@ class Translator(Formulas):
         keywords = {str(one.arg): self._value_of(str(one.arg), one.value, scope) for one in node.keywords}
         if isinstance(function, type) and hasattr(function, "_fields"):
             values = {n: constant(x) for n, x in zip(function._fields, defaults_of(function), strict=True)}
-            return Record(function, values | dict(zip(function._fields, given, strict=False)) | keywords)
+            return values | dict(zip(function._fields, given, strict=False)) | keywords
         if function is is_sample:  # an exported controller is called at its samples alone
             return constant(True)
         if function is len and isinstance(given[0], Table):

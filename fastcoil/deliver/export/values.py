@@ -43,14 +43,6 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Record:
-    """Several values, by name or by their place; cls: of a named tuple."""
-
-    cls: Any
-    fields: dict[str, Any]
-
-
-@dataclass(frozen=True)
 class Table:
     """A table of constant numbers; without values the array of an estimator."""
 
