@@ -46,6 +46,14 @@ def write_report(result: Any, path: Path | None) -> None:
         say(f"Report:  {written(result, path)}")
 
 
+def write_figure(found: Any, path: Path, format: str = "png") -> None:
+    """Write the figure of a result beside ``path``, under its name."""
+    from fastcoil.base.figures import write
+
+    (written,) = write({path.stem: found.plot()}, path.parent, format=format)
+    say(f"Figure:  {written}")
+
+
 def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     from fastcoil.deliver.report.page import require_page
 

@@ -1,5 +1,6 @@
 """``fastcoil explain``, ``tune`` and ``explore``: why one loop hunts, better settings, a page to play with."""
 
+import asyncio
 import importlib.util
 import os
 import sys
@@ -12,7 +13,7 @@ import click
 from fastcoil.base.errors import InputError, missing_extra
 from fastcoil.base.files import require_file
 from fastcoil.cli.arguments import PATH, labels_of, pairs, with_scenario
-from fastcoil.cli.deliver import with_report, write_report
+from fastcoil.cli.deliver import with_report, write_figure, write_report
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.terminal import announce_compilation, run_own_code, say
 
@@ -34,7 +35,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain lbnl --set kp=0.03 --set ti=5
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
-    from fastcoil.base.figures import FORMATS, write
+    from fastcoil.base.figures import FORMATS
     from fastcoil.design.explain import explain as explained
     from fastcoil.study.maintenance import one_scenario
 
@@ -45,12 +46,11 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
     if out is not None:
-        for path in write({out.stem: found.plot()}, out.parent, format=out.suffix.lower().removeprefix(".")):
-            say(f"Figure:  {path}")
+        write_figure(found, out, out.suffix.lower().removeprefix("."))
     write_report(found, report)
 
 
-CHOSEN, FIGURE = "tuning.toml", "tuning"
+CHOSEN = "tuning.toml"
 
 
 @click.command()
@@ -63,7 +63,6 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
 
     The table [tune] of the study file defines the search, the objective and the limits.
     """
-    from fastcoil.base.figures import write
     from fastcoil.base.progress import progress_of_command
     from fastcoil.design.tune import in_scenario_days, run_tuning
     from fastcoil.loops.simulate import workers
@@ -85,8 +84,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
         path = folder / CHOSEN
         found.to_toml(path)
         say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
-        for figure in write({FIGURE: found.plot()}, folder):
-            say(f"Figure:  {figure}")
+        write_figure(found, path)
         write_report(found, report)
 
 
@@ -126,7 +124,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
         if browser:
             _open(address)
 
-    serve(model, port, ready)
+    asyncio.run(serve(model, port, ready))
     say("Ended.")
 
 

@@ -10,7 +10,7 @@ import click
 
 from fastcoil.base.errors import InputError, shown
 from fastcoil.cli.arguments import PATH, pairs
-from fastcoil.cli.deliver import with_report, write_report
+from fastcoil.cli.deliver import with_report, write_figure, write_report
 from fastcoil.cli.logs import require_writable, with_reading_options
 from fastcoil.cli.terminal import announce_compilation, say
 
@@ -120,14 +120,10 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
 
 def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
     """Write the TOML, figure and requested report of a fit, and print its summary."""
-    from fastcoil.base.figures import write
-
     found.to_toml(out)
-    figures = write({out.stem: found.plot()}, out.parent)
     say(*found.summary())
     say(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
-    for path in figures:
-        say(f"Figure:  {path}")
+    write_figure(found, out)
     write_report(found, report)
 
 

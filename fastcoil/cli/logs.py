@@ -11,7 +11,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, exists, is_file, is_folder, require_file
 from fastcoil.base.text import aligned
 from fastcoil.cli.arguments import PATH, pairs
-from fastcoil.cli.deliver import with_report, write_report
+from fastcoil.cli.deliver import with_report, write_figure, write_report
 from fastcoil.cli.terminal import announce_compilation, say
 
 _FOUND = 1  # exit code of ``diagnose --fail``
@@ -98,12 +98,9 @@ def diagnose(
     found = diagnosed([data, *more] if more else data, **options)
     say(*found.summary())
     if out is not None:
-        from fastcoil.base.figures import write
-
         found.to_toml(out)
         say(f'Written: {out} (in a study: [loop] include = ["{out.name}"])')
-        for path in write({out.stem: found.plot()}, out.parent):
-            say(f"Figure:  {path}")
+        write_figure(found, out)
     write_report(found, report)
     if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
         sys.exit(_FOUND)

@@ -61,7 +61,7 @@ class _FromHere(Matcher):  # type: ignore[misc]
         return {} if is_ours and is_known and not names_session else None
 
 
-def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
+async def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM.
 
     Parameters
@@ -73,10 +73,6 @@ def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     ready
         Called with the address of the page once it can be opened.
     """
-    asyncio.run(_serve(model, port, ready))
-
-
-async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     listening = _bound(port)
     port = listening.getsockname()[1]
     # foreign connections, and readers who leave, are no errors

@@ -15,9 +15,8 @@ import numpy as np
 
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
-from fastcoil.deliver.export.python import commented, names_in
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.words import number, plain_text
+from fastcoil.deliver.export.words import commented, names_in, number, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop

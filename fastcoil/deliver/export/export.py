@@ -12,10 +12,9 @@ from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.machine import VERSION
-from fastcoil.deliver.export.c import InC
 from fastcoil.deliver.export.controller import Controller, templates
+from fastcoil.deliver.export.languages import InC, InST, st_number
 from fastcoil.deliver.export.source import Laws
-from fastcoil.deliver.export.st import InST, st_number
 from fastcoil.deliver.export.vectors import Vectors, cycles, vectors_of
 from fastcoil.loops.loop import Loop
 

@@ -19,14 +19,6 @@ from typing import Any, NamedTuple
 
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.export.formulas import KNOWN, SAID, AgainError, Formulas
-from fastcoil.deliver.export.python import (
-    constant_text,
-    definition_of,
-    function_text,
-    lines_of,
-    names_in,
-    summary_of,
-)
 from fastcoil.deliver.export.values import (
     Number,
     Scope,
@@ -40,6 +32,14 @@ from fastcoil.deliver.export.values import (
     joined,
     needed,
     read_in,
+)
+from fastcoil.deliver.export.words import (
+    constant_text,
+    definition_of,
+    function_text,
+    lines_of,
+    names_in,
+    summary_of,
 )
 from fastcoil.model.estimators.interface import defaults_of, is_sample
 
@@ -70,7 +70,7 @@ class Translator(Formulas):
     ) -> None:  # fmt: skip
         super().__init__(kind, rule.name, [*names, *(each.upper() for each in numbers)])
         self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "words", 0)
-        self.Parameters, self.Memory = rule.Parameters, rule.Memory
+        self.Memory = rule.Memory
         self.numbers, self.literal, self.estimate = numbers, literal, estimate
         self.goal = "s.decided" if kind == "law" else "s.estimate"
         taken = {each.casefold() for each in names}

@@ -151,5 +151,5 @@ def _entry(kind: str, key: str, **fields: str) -> list[str]:
 
 def cited(ds: xr.Dataset | None = None) -> Section:
     """How to cite the results, or fastcoil alone."""
-    attrs = None if ds is None else {str(name): value for name, value in ds.attrs.items()}
+    attrs = None if ds is None else ds.attrs
     return Section("How to cite", [Words(citation(attrs)), Code("\n".join(bibtex(attrs)))])

@@ -9,9 +9,8 @@ import pytest
 from helpers.exported import FLAGS
 from helpers.structured_text import Project
 
-from fastcoil.deliver.export.c import InC
+from fastcoil.deliver.export.languages import InC, InST
 from fastcoil.deliver.export.source import Laws
-from fastcoil.deliver.export.st import InST
 
 EXPRESSIONS = [
     "a - (b - c)", "a - b - c", "a / (b * c)", "a / b / c", "a * (b + c) - c", "-(a + b) * c", "-a * b", "(a - b) * -c",
