@@ -33,6 +33,11 @@ than that of the model where the command explains a smaller share of the changes
 fast disturbances are so many times as large as its swing."""
 
 
+REMAINS, DIES = 0.5, 1.0
+"""Share of a swing that remains while the command is held, above which it comes from outside; periods of the swing for
+which the command has to be held for a swing that dies to be the loop's own."""
+
+
 class Cause(NamedTuple):
     """The cause, one word of those above, and why, a sentence."""
 
@@ -60,6 +65,19 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
     if sentence := too_little(fitted):
         return Cause(UNKNOWN, sentence)
     return _of_model(fitted, measures, identified)
+
+
+def after_hold(cause: Cause, measures: Measures, held_swing: float, held_for: float) -> Cause:
+    """The cause where a test held the command for ``held_for`` s, and the temperature moved by ``held_swing`` K."""
+    swing = measures.swing
+    if not swing.is_regular or not np.isfinite(held_swing):
+        return cause
+    share = f"{100 * held_swing / swing.peak_to_peak:.0f} % of the swing remained while the command was held"
+    if held_swing > REMAINS * swing.peak_to_peak:
+        return Cause(DISTURBANCE, share)
+    if cause.name == DISTURBANCE and held_for >= DIES * swing.period:
+        return Cause(TUNING, f"only {share}, and the gap does not explain it")
+    return cause
 
 
 def _of_model(fitted: FittedLoop, measures: Measures, identified: bool) -> Cause:

@@ -1,7 +1,9 @@
 """``diagnose``: whether a valve has backlash, and whether that is why its loop hunts, from a trend log."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -12,7 +14,7 @@ from fastcoil.logs import Log, read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.measured.agreement import require_agreement
-from fastcoil.measured.cause import cause_of, predictions_of
+from fastcoil.measured.cause import after_hold, cause_of, predictions_of
 from fastcoil.measured.diagnosis import INDICES, Diagnosis
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
@@ -20,6 +22,9 @@ from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backla
 from fastcoil.measured.measures import Measures, measures_of
 from fastcoil.measured.part import runs
 from fastcoil.measured.triage import triage_of, warnings_of
+
+if TYPE_CHECKING:
+    from fastcoil.measured.read_test import ValveReading
 
 WANTED = Wanted(
     needed=("command", "T_sup"),
@@ -44,6 +49,7 @@ def diagnose(
     lag: float | None = None,
     kp: float | None = None,
     ti: float | None = None,
+    test: ValveReading | None = None,
     units: Mapping[str, str] | None = None,
     columns: Mapping[str, str] | None = None,
     drop: bool = False,
@@ -69,6 +75,8 @@ def diagnose(
         Seconds by which T_sup is logged late beside the command, negative if early; found from the log if left out.
     kp, ti
         Gain, 1/K, and integral time, s, of the controller, both; found from the log if left out.
+    test
+        What ``fc.read_test`` found of this valve: its gap is taken, and what a held command left of the swing counts.
     units, columns, drop, jumps, max_gap, time_format
         How the log is read: see ``fastcoil.logs.Reading``.
 
@@ -105,12 +113,18 @@ def diagnose(
     values, interval = grid.values, grid.interval
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     found, measures = identified(grid, seconds, sample_time, lag)
+    if test is not None:
+        profile = test.profile
+        found = Identification(test.backlash, *test.interval, test.identified, test.reason,
+                               profile["backlash"].values, profile["probability"].values, found.late)  # fmt: skip
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
     loop = fit_loop_model(
         values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on,
         gains,
     )  # fmt: skip
     cause = cause_of(measures, loop, identified=found.identified)
+    if test is not None:
+        cause = after_hold(cause, measures, test.held_swing, test.held_for)
     doubt = loop if isinstance(loop, str) else loop.doubt
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
     if not isinstance(loop, str):

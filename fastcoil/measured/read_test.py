@@ -19,12 +19,12 @@ from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
-from fastcoil.measured.cause import DISTURBANCE, UNKNOWN, Cause, cause_of
+from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of
 from fastcoil.measured.diagnose import as_measured, seconds_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, held, motor_positions, on_grid
-from fastcoil.measured.identify import CANDIDATES, GOOD, USUAL_STROKE_TIME, WEIGHT, Identification, judged
-from fastcoil.measured.measures import Measures, measures_of
+from fastcoil.measured.identify import CANDIDATES, GOOD, USUAL_STROKE_TIME, Identification, judged
+from fastcoil.measured.measures import measures_of
 from fastcoil.measured.part import runs, turns
 from fastcoil.measured.valve_response import Response, response
 
@@ -37,13 +37,14 @@ WANTED = Wanted(
     measured=("T_sup", "T_set", "m_a", "T_a_in", "T_w_in"),
 )
 INPUTS = ("m_a", "T_a_in", "T_w_in")
-LONGEST_INTERVAL = 15.0  # s between samples
+LONGEST_INTERVAL, ENOUGH = 15.0, 10.0  # s between samples, in a log and in what is compared
 BEFORE, AFTER = 600.0, 600.0
 """Seconds before the test that the lags of the coil reach back, and after it that tell of the gap as well."""
 LEAST_TURNS, LEAST_TURN = 1, 0.005  # of the command in the test, and the fraction of stroke that counts as one
 MOST_MISSING = 0.05  # share of the temperatures
+WEIGHT = 0.65
+"""Share of the log-likelihood that counts: residuals are neither independent nor normal.  Chosen on seeds below 9000."""
 LEAST_EXPLAINED = 0.5  # share of the variance of the temperature that the command has to explain
-REMAINS = 0.5  # share of a swing that remains while the command is held, above which it comes from outside
 LEAST_BEFORE = 3600.0  # seconds of normal operation by which the cause is judged
 
 
@@ -63,8 +64,8 @@ class ValveReading(Result):
     gain, lag, dead_time
         Change of the temperature per stroke of the stem where the test was made, K, sum of the lags and dead time, s,
         of the most probable model.
-    held_swing
-        Highest less lowest temperature in the second half of the hold at the start of the test, K.
+    held_swing, held_for
+        Highest less lowest temperature in the second half of the hold at the start of the test, K; that half, s.
     cause, because
         Why the loop hunted before the test, as in a ``Diagnosis``, and a sentence; ``unknown`` where less than an hour
         before the test is logged.
@@ -88,6 +89,7 @@ class ValveReading(Result):
     lag: float
     dead_time: float
     held_swing: float
+    held_for: float
     cause: str
     because: str
     minutes: float
@@ -118,7 +120,9 @@ class ValveReading(Result):
 
         ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
         """
-        numbers = {name: getattr(self, name) for name in ("gain", "lag", "dead_time", "held_swing", "minutes")}
+        numbers = {
+            name: getattr(self, name) for name in ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
+        }
         of_fit = {"kind": "valve test", "source": self.source, "identified": self.identified, "reason": self.reason,
                   "cause": self.cause, "because": self.because, **numbers, "notes": self.notes}  # fmt: skip
         lines = [f"# backlash fitted to {self.source} by fastcoil valve-test", *(f"# {s}" for s in self.summary()[1:])]
@@ -170,7 +174,7 @@ def read_test(
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     data = read_log(as_measured(source) if "T_sup" not in (columns or {}) else source, WANTED, how)
     grid, notes = on_grid(data)
-    notes = [*data.notes, *notes]
+    grid, notes = _thinned(data.name, grid), [*data.notes, *notes]
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     if stroke_time is None:
         notes.append(f"the motor is taken to need {seconds:g} s for its stroke: give stroke_time if it is known")
@@ -179,12 +183,13 @@ def read_test(
     command = held(grid.values["command"][: window.stop])
     positions = motor_positions(command, grid.interval, seconds)[:-1]
     found, answer = _gap_of(grid, positions, first, last, window)
-    swing = _held_swing(grid, command, first, last)
-    cause = _cause(grid, seconds, first, found, swing)
+    swing, held_for = _held(grid, command, first, last)
+    cause = _cause(grid, seconds, first, found, (swing, held_for))
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return ValveReading(
         source=data.name, backlash=found.backlash, interval=(found.low, found.high), identified=found.identified,
-        reason=found.reason, gain=answer.gain, lag=answer.lag, dead_time=answer.dead_time, held_swing=swing,
+        reason=found.reason, gain=answer.gain, lag=answer.lag, dead_time=answer.dead_time,
+        held_swing=swing, held_for=held_for,
         cause=cause.name, because=cause.because, minutes=(last - first) * grid.interval / 60.0,
         profile=xr.Dataset(
             {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
@@ -204,12 +209,19 @@ def _between_of(name: str, value: Any) -> tuple[float, float]:
     return start, end
 
 
-def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, notes: list[str]) -> tuple[int, int]:
-    """First row of the test, and the first after it."""
+def _thinned(name: str, grid: Grid) -> Grid:
+    """A row every 10 s, which shows the gap as well as more do."""
     if grid.interval > LONGEST_INTERVAL:
         raise InputError(
             f"{name}: a sample every {grid.interval:.4g} s: log the test every 5 s, {LONGEST_INTERVAL:g} s at most"
         )
+    every = max(1, round(ENOUGH / grid.interval))
+    values = {column: series[::every] for column, series in grid.values.items()}
+    return Grid(every * grid.interval, grid.time[::every], values, grid.on[::every], grid.increment)
+
+
+def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, notes: list[str]) -> tuple[int, int]:
+    """First row of the test, and the first after it."""
     if between is not None:
         inside = (grid.time >= between[0]) & (grid.time <= between[1])
     elif "test" in grid.values:
@@ -228,7 +240,7 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
 def _gap_of(
     grid: Grid, positions: Array, first: int, last: int, window: slice
 ) -> tuple[Identification, Response]:  # fmt: skip
-    T, interval = grid.values["T_sup"][: window.stop], grid.interval
+    T = grid.values["T_sup"][: window.stop]
     known = [grid.values[name][: window.stop] for name in INPUTS if name in grid.values]
     inputs = [held(series) for series in known if np.isfinite(series).any()]
     missing = float(np.mean(~np.isfinite(T[window])))
@@ -238,7 +250,7 @@ def _gap_of(
         doubt = f"{100 * missing:.0f} % of the temperatures are missing: test again, and log all"
     elif made < LEAST_TURNS:
         doubt = "the command does not turn back in the test, and a gap shows at turns only: test again, for longer"
-    answer = response(held(T), positions, window.start, first, interval, inputs, CANDIDATES)
+    answer = response(held(T), positions, window.start, first, grid.interval, inputs, CANDIDATES)
     if not doubt and answer.explained < LEAST_EXPLAINED:
         doubt = (
             f"the command explains {100 * max(answer.explained, 0.0):.0f} % of what the temperature did: something "
@@ -249,38 +261,26 @@ def _gap_of(
     return judged(np.exp(weighed - np.logaddexp.reduce(weighed)), True, doubt, cure), answer
 
 
-def _held_swing(grid: Grid, command: Array, first: int, last: int) -> float:
-    """Highest less lowest temperature in the second half of the time before the command first moves."""
+def _held(grid: Grid, command: Array, first: int, last: int) -> tuple[float, float]:
+    """Highest less lowest temperature, K, in the second half of the time before the first move, and that half, s."""
     moved = np.flatnonzero(command[first + 1 : last] != command[first + 1])
     end = first + 1 + (int(moved[0]) if moved.size else last - first - 1)
     rest = grid.values["T_sup"][(first + end) // 2 : end]
-    rest = rest[np.isfinite(rest)]
-    return float(np.ptp(rest)) if rest.size > 1 else math.nan
+    seconds, rest = rest.size * grid.interval, rest[np.isfinite(rest)]
+    return (float(np.ptp(rest)) if rest.size > 1 else math.nan), seconds
 
 
-def _cause(grid: Grid, stroke_time: float, first: int, found: Identification, held_swing: float) -> Cause:
+def _cause(grid: Grid, stroke_time: float, first: int, found: Identification, held: tuple[float, float]) -> Cause:
     """Why the loop swung before the test."""
-    before = Grid(grid.interval, grid.time[:first], {n: v[:first] for n, v in grid.values.items()}, grid.on[:first],
-                  grid.increment)  # fmt: skip
-    if "T_set" not in grid.values or first * grid.interval < LEAST_BEFORE:
+    values = {name: series[:first] for name, series in grid.values.items()}
+    if "T_set" not in values or first * grid.interval < LEAST_BEFORE:
         return Cause(UNKNOWN, "log T_set, and an hour or more of normal operation before the test")
-    return cause_after_test(before, measures_of(before, stroke_time), stroke_time, found, held_swing)
-
-
-def cause_after_test(
-    grid: Grid, measures: Measures, stroke_time: float, found: Identification, held_swing: float
-) -> Cause:  # fmt: skip
-    """Why a loop swings, where a test has shown its gap, and what remained of the swing while the command was held."""
-    swing = measures.swing
-    if swing.is_regular and held_swing > REMAINS * swing.peak_to_peak:
-        share = 100 * held_swing / swing.peak_to_peak
-        return Cause(DISTURBANCE, f"{share:.0f} % of the swing remained while the command was held")
-    values = grid.values
-    gap = found.backlash if np.isfinite(found.backlash) else 0.0
+    before = Grid(grid.interval, grid.time[:first], values, grid.on[:first], grid.increment)
+    measures, gap = measures_of(before, stroke_time), found.backlash if np.isfinite(found.backlash) else 0.0
     fitted = fit_loop_model(
-        values["command"], values["T_sup"], values["T_set"], grid.interval, gap, stroke_time, None, grid.on, None
+        values["command"], values["T_sup"], values["T_set"], grid.interval, gap, stroke_time, None, before.on, None
     )
-    return cause_of(measures, fitted, identified=found.identified)
+    return after_hold(cause_of(measures, fitted, identified=found.identified), measures, *held)
 
 
 def _signals(grid: Grid, command: Array, answer: Response, first: int, last: int, window: slice) -> xr.Dataset:
