@@ -43,7 +43,7 @@ BEFORE, AFTER = 600.0, 600.0
 LEAST_TURNS, LEAST_TURN = 1, 0.005  # of the command in the test, and the fraction of stroke that counts as one
 MOST_MISSING = 0.05  # share of the temperatures
 WEIGHT = 0.65
-"""Share of the log-likelihood that counts: residuals are neither independent nor normal.  Chosen on seeds below 9000."""
+"""Share of the log-likelihood that counts: residuals are neither independent nor normal."""
 LEAST_EXPLAINED = 0.5  # share of the variance of the temperature that the command has to explain
 LEAST_BEFORE = 3600.0  # seconds of normal operation by which the cause is judged
 
@@ -69,6 +69,8 @@ class ValveReading(Result):
     cause, because
         Why the loop hunted before the test, as in a ``Diagnosis``, and a sentence; ``unknown`` where less than an hour
         before the test is logged.
+    explained
+        Share of the variance of the temperature that the command explains.
     minutes
         How long the test took.
     profile
@@ -92,6 +94,7 @@ class ValveReading(Result):
     held_for: float
     cause: str
     because: str
+    explained: float
     minutes: float
     profile: xr.Dataset
     signals: xr.Dataset
@@ -190,7 +193,8 @@ def read_test(
         source=data.name, backlash=found.backlash, interval=(found.low, found.high), identified=found.identified,
         reason=found.reason, gain=answer.gain, lag=answer.lag, dead_time=answer.dead_time,
         held_swing=swing, held_for=held_for,
-        cause=cause.name, because=cause.because, minutes=(last - first) * grid.interval / 60.0,
+        cause=cause.name, because=cause.because, explained=answer.explained,
+        minutes=(last - first) * grid.interval / 60.0,
         profile=xr.Dataset(
             {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
             {"backlash": ("backlash", found.candidates, attrs)},
