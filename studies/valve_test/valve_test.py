@@ -17,7 +17,6 @@ from joblib import Parallel, delayed
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
-from fastcoil.measured.read_test import ValveReading
 from fastcoil.model.metric_table import TEST_ABORTED
 from studies.common import save_figure, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, WEATHER, kinds, of_kind, settings
