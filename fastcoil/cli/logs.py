@@ -130,6 +130,55 @@ def _survey(
         sys.exit(_FOUND)
 
 
+@click.group("valve-test")
+def valve_test() -> None:
+    """Plan a valve test, which shows the gap in twenty minutes, and read its log."""
+
+
+@valve_test.command("plan")
+@click.option("--gentle", is_flag=True, help="45 minutes within 1 K.")
+@click.option("--heating", is_flag=True, help="30 minutes within 3 K, for a heating coil.")
+@click.option("--minutes", type=float, help="How long it takes.")
+@click.option("--excursion", type=float, help="Error at which to stop, K.")
+@click.option("--rate", type=float, help="Rate of the first ramp, strokes per second.")
+@click.option("--threshold", type=float, help="Error at which a ramp ends, K.")
+@click.option("--settle", type=float, help="Wait before the first ramp, s; with 900 it tells outside swings apart.")
+@click.option("--hold", type=float, help="Wait after each ramp, s.")
+def plan_test(gentle: bool, heating: bool, **given: float | None) -> None:
+    """Print what a technician does with a stop-watch."""
+    from fastcoil.loops.valve_test import ValveTest
+
+    if gentle and heating:
+        raise InputError("--gentle and --heating: give one of them")
+    made = ValveTest.gentle if gentle else ValveTest.heating if heating else ValveTest
+    say(*made(**{name: value for name, value in given.items() if value is not None}).instructions())
+
+
+@valve_test.command("read")
+@with_reading_options
+@click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
+@click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
+@click.option("--between", type=float, nargs=2, metavar="START END", help="Start and end of the test, s, if the log "
+              "has no column test.")  # fmt: skip
+def read(data: Path, out: Path | None, **options: Any) -> None:
+    """Read the backlash of a valve from the log of a valve test, DATA.
+
+    DATA is a CSV file with a row every 15 s or faster and the columns command, T_sup and elapsed_time or timestamp;
+    test, which is 1 while the test runs; and, where there are any, T_set, m_a, T_a_in, T_w_in and enabled.
+    """
+    from fastcoil.measured.read_test import read_test
+
+    if out is not None:
+        require_writable(out)
+    announce_compilation("mean_openings")
+    found = read_test(data, **options)
+    say(*found.summary())
+    if out is not None:
+        found.to_toml(out)
+        say(f'Written: {out} (in a study: [loop] include = ["{out.name}"])')
+        write_figure(found, out)
+
+
 _POINT = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
 
 

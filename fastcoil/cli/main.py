@@ -7,7 +7,7 @@ from fastcoil.cli.deliver import archive, cite, export, report
 from fastcoil.cli.design import explain, explore, tune
 from fastcoil.cli.fit import fit
 from fastcoil.cli.interrupts import Commands
-from fastcoil.cli.logs import diagnose, join
+from fastcoil.cli.logs import diagnose, join, valve_test
 from fastcoil.cli.plot import plot
 from fastcoil.cli.study import init, parameters, plan, presets, rerun, run, status, verify
 
@@ -27,6 +27,6 @@ def main() -> None:
 
 for command in (
     *(archive, cite, diagnose, explain, explore, export, fit, init, join, parameters),
-    *(plan, plot, presets, report, rerun, run, status, tune, verify),
+    *(plan, plot, presets, report, rerun, run, status, tune, valve_test, verify),
 ):
     main.add_command(command)
