@@ -1,14 +1,12 @@
 """``diagnose``: whether a valve has backlash, and whether that is why its loop hunts, from a trend log."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, number_of
+from fastcoil.base.arguments import checking, instance_of, number_of
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log, read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
@@ -22,9 +20,7 @@ from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backla
 from fastcoil.measured.measures import Measures, measures_of
 from fastcoil.measured.part import runs
 from fastcoil.measured.triage import triage_of, warnings_of
-
-if TYPE_CHECKING:
-    from fastcoil.measured.read_test import ValveReading
+from fastcoil.measured.valve_reading import ValveReading
 
 WANTED = Wanted(
     needed=("command", "T_sup"),
@@ -96,6 +92,7 @@ def diagnose(
         sample_time = check.unless_none(seconds_of, "sample_time", sample_time, _SHORTEST_SAMPLE)
         lag = check.unless_none(seconds_of, "lag", lag, -_LONGEST)
         gains = check(_gains_of, kp, ti)
+        test = check.unless_none(instance_of, "test", test, ValveReading, "give what fastcoil.read_test found")
         how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     if not logs:

@@ -1,0 +1,137 @@
+"""The result of reading a valve test: backlash, plant, cause; its words, its TOML and its page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
+from fastcoil.base.results import Result, as_toml, toml_table
+from fastcoil.measured.identify import GOOD
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class ValveReading(Result):
+    """What a valve test shows of its valve and loop.
+
+    Attributes
+    ----------
+    source
+        Name of the log.
+    backlash, interval
+        Most probable backlash and its 95 % interval, fractions of stroke.
+    identified, reason
+        Whether the backlash is right, to 20 % of itself or 1 % of the stroke, with 95 % probability; why not, and what
+        to do, else empty.
+    gain, lag, dead_time
+        Change of the temperature per stroke of the stem where the test was made, K, sum of the lags and dead time, s,
+        of the most probable model.
+    held_swing, held_for
+        Highest less lowest temperature in the second half of the hold at the start of the test, K; that half, s.
+    cause, because
+        Why the loop hunted before the test, as in a ``Diagnosis``, and a sentence; ``unknown`` where less than an hour
+        before the test is logged.
+    explained
+        Share of the variance of the temperature that the command explains.
+    minutes
+        How long the test took.
+    profile
+        Dataset over ``backlash``: the ``probability`` of each size.
+    signals
+        Dataset over ``elapsed_time``, from ten minutes before the test to ten after it: ``T_sup``, ``command``,
+        ``stem`` (its place behind the most probable gap), ``model`` (temperature without drift) and ``test``.
+    notes
+        How the log was read, and what was assumed.
+    """
+
+    source: str
+    backlash: float
+    interval: tuple[float, float]
+    identified: bool
+    reason: str
+    gain: float
+    lag: float
+    dead_time: float
+    held_swing: float
+    held_for: float
+    cause: str
+    because: str
+    explained: float
+    minutes: float
+    profile: xr.Dataset
+    signals: xr.Dataset
+    notes: list[str]
+
+    def summary(self) -> list[str]:
+        """The reading in words, line by line."""
+        low, high = (100 * bound for bound in self.interval)
+        within = f"{100 * self.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
+        gap = "Gap: none to speak of, " if self.backlash <= GOOD else "Gap: "
+        lines = [f"{self.source}: a valve test of {self.minutes:.0f} min"]
+        lines.append(gap + within if self.identified else f"Gap: not identified, most probable {within}: {self.reason}")
+        lines.append(
+            f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s; "
+            f"the temperature moved by {self.held_swing:.2g} K while the command was held"
+        )
+        lines.append(f"Cause of the swing before the test: {self.cause}: {self.because}")
+        return lines + [f"Note: {note}" for note in self.notes]
+
+    def plot(self) -> Figure:
+        """The reading on one page, as a matplotlib ``Figure``."""
+        return _page(self)
+
+    def to_toml(self, path: str | Path | None = None) -> str:
+        """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
+
+        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
+        """
+        numbers = {
+            name: getattr(self, name) for name in ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
+        }
+        of_fit = {"kind": "valve test", "source": self.source, "identified": self.identified, "reason": self.reason,
+                  "cause": self.cause, "because": self.because, **numbers, "notes": self.notes}  # fmt: skip
+        lines = [f"# backlash fitted to {self.source} by fastcoil valve-test", *(f"# {s}" for s in self.summary()[1:])]
+        lines += toml_table("loop", {"backlash": self.backlash} if self.identified else {})
+        lines += toml_table("fit", of_fit) + toml_table("fit.interval_95", {"backlash": list(self.interval)})
+        return as_toml(lines, path)
+
+
+_SIZE = (7.5, 6.4)
+
+
+@apply_style()
+def _page(r: ValveReading) -> Figure:
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=_SIZE, layout="constrained")
+    above, middle, below = fig.subplots(3, 1, height_ratios=(1.2, 1.0, 1.0))
+    minutes = (r.signals["elapsed_time"] - r.signals["elapsed_time"].values[r.signals["test"].values > 0][0]) / 60.0
+    above.plot(minutes, r.signals["T_sup"], color=BLUE, lw=1.0, label="supply air")
+    above.plot(minutes, r.signals["model"], color=YELLOW, lw=1.0, label="model, without drift")
+    middle.plot(minutes, 100 * r.signals["command"], color=RED, lw=1.0, label="command")
+    middle.plot(minutes, 100 * r.signals["stem"], color=GREY, lw=1.0, label="stem behind the gap")
+    for axes in (above, middle):
+        axes.axvspan(0.0, r.minutes, color=FAINT, lw=0)
+        axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.2)
+        axes.margins(x=0.01)
+    above.set(ylabel="temperature [°C]")
+    above.tick_params(labelbottom=False)
+    middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
+    sizes, probability = 100 * r.profile["backlash"].values, 100 * r.profile["probability"].values
+    below.axvspan(100 * r.interval[0], 100 * r.interval[1], color=FAINT, lw=0)
+    below.bar(sizes, probability, width=0.8 * (sizes[1] - sizes[0]), color=BLUE if r.identified else GREY)
+    below.set(xlabel="backlash [% of stroke]", ylabel="probability [%]")
+    below.set_xlim(-0.5, max(100 * r.interval[1], 8.0) * 1.15)
+    fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in _headline(r)), x=0.01, ha="left", fontsize=9)
+    return fig
+
+
+def _headline(r: ValveReading) -> Sequence[str]:
+    return [line for line in r.summary() if not line.startswith("Note: ")]
