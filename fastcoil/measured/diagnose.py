@@ -112,8 +112,10 @@ def diagnose(
     found, measures = identified(grid, seconds, sample_time, lag)
     if test is not None:
         profile = test.profile
-        found = Identification(test.backlash, *test.interval, test.identified, test.reason,
-                               profile["backlash"].values, profile["probability"].values, found.late)  # fmt: skip
+        found = Identification(
+            test.backlash, test.interval[0], test.interval[1], test.identified, test.reason,
+            profile["backlash"].values, profile["probability"].values, found.late,
+        )  # fmt: skip
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
     loop = fit_loop_model(
         values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on,
