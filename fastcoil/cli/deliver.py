@@ -73,7 +73,7 @@ def cite(folder: Path | None, as_bibtex: bool) -> None:
     if folder is not None:
         from fastcoil.study.folder.results import open_finished
 
-        results = {str(name): value for name, value in open_finished(folder).attrs.items()}
+        results = open_finished(folder).attrs
     say(*(bibtex if as_bibtex else citation)(results))
 
 

@@ -116,7 +116,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
 
     name, labels = str(target), labels_of(at)
     given = None if name in PRESETS and not labels else one_scenario(target, labels, {})
-    model = Model(given, name) if given is None else Model(given)
+    model = Model(given, name)
     announce_compilation()
 
     def ready(address: str) -> None:

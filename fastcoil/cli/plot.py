@@ -71,8 +71,6 @@ def plot(
     store.require_manifest()
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
-    if y and by:
-        raise InputError(f"-y {y} and --by {by}: give one of them, -y for a map or --by for curves")
     asked = _Asked(
         metrics, x, y, by, all_labels_of("--at", at), all_labels_of("--relative-to", relative_to), _inches(width)
     )

@@ -65,7 +65,7 @@ def test_dots_per_inch_are_those_asked_for(folder):
         (("-x", "backlash", "--by", "backlash"), "backlash is named twice: choose two different axes"),
         (
             ("-x", "backlash", "-y", "estimate_ratio", "--by", "kp"),
-            "-y estimate_ratio and --by kp: give one of them, -y for a map or --by for curves",
+            "by = 'kp' is no dimension of this result; it has backlash, estimate_ratio",
         ),
         (("--dpi", "fine"), "dpi = 'fine': give a whole number from 50 to 1200"),
         (("--by", "backlash"), "--metric, -y and --by need -x: name the swept parameter along the x axis"),

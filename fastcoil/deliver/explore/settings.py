@@ -1,5 +1,6 @@
 """The settings of the page: every number and word that can be moved, the loops to start from, links and stories."""
 
+import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -170,30 +171,28 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
     problems: list[str] = []
     values: dict[str, Any] = {}
     for key, text in query.items():
-        try:
-            if key != "loop":
-                values[key] = _value_of(key, text, usual, starts[name])
-        except InputError as error:
-            problems += error.problems
+        words = words_of(key, starts[name]) if key in CHOICES else {}
+        # the loop itself may lie beyond the steps
+        within = (*DIALS[key].steps, getattr(usual, key)) if key in DIALS else ()
+        if text in words:
+            values[key] = text
+        elif within and min(within) <= _number(text) <= max(within):
+            values[key] = float(text)
+        elif words or within:
+            cure = f"one of {', '.join(words)}" if words else f"a number from {min(within):g} to {max(within):g}"
+            problems.append(f"{key} = {shown(text)}: give {cure}")
+        elif key != "loop":
+            problems.append(f"{shown(key)} is not a setting{nearest(key, [*DIALS, *CHOICES])}: leave it out")
     rest = ["The rest of the link is shown."] if problems else []
     if values and "loop" not in query:
         rest.append(f"The link names no loop: its values are those of {starts[name].title} here.")
     return replace(usual, **values), [*problems, *rest]
 
 
-def _value_of(name: str, text: str, usual: Settings, start: Start) -> float | str:
-    if name in CHOICES:
-        words = words_of(name, start)
-        if text in words:
-            return text
-        raise InputError(f"{name} = {shown(text)}: choose one of {', '.join(words)}")
-    if name not in DIALS:
-        raise InputError(f"{shown(name)} is not a setting{nearest(name, [*DIALS, *CHOICES])}: leave it out")
-    within = (*DIALS[name].steps, getattr(usual, name))  # the loop itself may lie beyond the steps
+def _number(text: str) -> float:
     with suppress(ValueError):
-        if min(within) <= float(text) <= max(within):
-            return float(text)
-    raise InputError(f"{name} = {shown(text)}: give a number from {min(within):g} to {max(within):g}")
+        return float(text)
+    return math.nan
 
 
 STORIES: Mapping[str, Mapping[str, Any]] = {

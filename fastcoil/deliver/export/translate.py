@@ -33,14 +33,7 @@ from fastcoil.deliver.export.values import (
     needed,
     read_in,
 )
-from fastcoil.deliver.export.words import (
-    constant_text,
-    definition_of,
-    function_text,
-    lines_of,
-    names_in,
-    summary_of,
-)
+from fastcoil.deliver.export.words import constant_text, definition_of, function_text, lines_of, names_in, summary_of
 from fastcoil.model.estimators.interface import defaults_of, is_sample
 
 _RETURNED = object()  # what a block gives whose values are stored already

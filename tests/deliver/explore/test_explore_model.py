@@ -207,7 +207,7 @@ def test_a_link_to_the_loop_of_a_study_needs_that_study(tmp_path):
         ("backlash=300", "backlash = '300': give a number from 0 to 0.15"),
         ("kp=nan", "kp = 'nan': give a number from 0.002 to 0.15"),
         ("ti=", "ti = '': give a number from 4 to 800"),
-        ("day=own", "day = 'own': choose one of steps, constant, design"),
+        ("day=own", "day = 'own': give one of steps, constant, design"),
         ("backlas=0.1", "'backlas' is not a setting, did you mean 'backlash'?: leave it out"),
         ("m_a=1e400", "m_a = '1e400': give a number from 0.3 to 1.5"),
     ],
