@@ -61,7 +61,7 @@ def test_a_name_of_ours_replaces_our_own_file_and_no_other(folder, export, tmp_p
 def test_a_folder_its_file_and_a_saved_result_give_the_same_table(folder, export, tmp_path):
     ds = fc.open_study(folder)
     ds.to_netcdf(tmp_path / "mine.nc")
-    assert export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 36 columns)\n"
+    assert export(folder, "--csv").output == "Written: small.csv (128 scenario-days, 37 columns)\n"
     assert export(folder / "results.nc", "--csv").exit_code == export(tmp_path / "mine.nc", "--csv").exit_code == 0
     whole = (tmp_path / "small.csv").read_bytes()
     assert whole == (tmp_path / "results.csv").read_bytes() == (tmp_path / "mine.csv").read_bytes()
