@@ -38,7 +38,8 @@ class ValveTest:
         Seconds for which the command holds before the first ramp, and after each.  With 900 s to settle the test also
         tells whether a swing comes from outside the loop.
     excursion
-        Error at which the test is aborted, K.
+        Error at which the test is aborted, K; twice that before the first ramp has ended, since a loop that hunts may
+        be anywhere at the start.
 
     Raises
     ------

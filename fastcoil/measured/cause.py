@@ -33,9 +33,10 @@ than that of the model where the command explains a smaller share of the changes
 fast disturbances are so many times as large as its swing."""
 
 
-REMAINS, DIES = 0.5, 1.0
+REMAINS, DIES, MOVES = 0.5, 1.0, 0.3
 """Share of a swing that remains while the command is held, above which it comes from outside; periods of the swing for
-which the command has to be held for a swing that dies to be the loop's own."""
+which the command has to be held for a swing that dies to be the loop's own; K that the temperature has to move while
+the command is held for something outside to be blamed where no swing comes back regularly."""
 
 
 class Cause(NamedTuple):
@@ -70,8 +71,11 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
 def after_hold(cause: Cause, measures: Measures, held_swing: float, held_for: float) -> Cause:
     """The cause where a test held the command for ``held_for`` s, and the temperature moved by ``held_swing`` K."""
     swing = measures.swing
-    if not swing.is_regular or not np.isfinite(held_swing):
+    if not np.isfinite(held_swing):
         return cause
+    if not swing.is_regular:
+        moved = f"the temperature moved by {held_swing:.2g} K while the command was held"
+        return Cause(DISTURBANCE, moved) if held_swing > MOVES else cause
     share = f"{100 * held_swing / swing.peak_to_peak:.0f} % of the swing remained while the command was held"
     if held_swing > REMAINS * swing.peak_to_peak:
         return Cause(DISTURBANCE, share)

@@ -72,7 +72,8 @@ def diagnose(
     kp, ti
         Gain, 1/K, and integral time, s, of the controller, both; found from the log if left out.
     test
-        What ``fc.read_test`` found of this valve: its gap is taken, and what a held command left of the swing counts.
+        What ``fc.read_test`` found of this valve: its gap is taken if identified, and what a held command left of the
+        swing counts.
     units, columns, drop, jumps, max_gap, time_format
         How the log is read: see ``fastcoil.logs.Reading``.
 
@@ -110,7 +111,7 @@ def diagnose(
     values, interval = grid.values, grid.interval
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     found, measures = identified(grid, seconds, sample_time, lag)
-    if test is not None:
+    if test is not None and test.identified:
         profile = test.profile
         found = Identification(
             test.backlash, test.interval[0], test.interval[1], test.identified, test.reason,

@@ -16,11 +16,10 @@ from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS
 from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of
-from fastcoil.measured.diagnose import as_measured, seconds_of
+from fastcoil.measured.diagnose import as_measured, identified, seconds_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, held, motor_positions, on_grid
 from fastcoil.measured.identify import CANDIDATES, USUAL_STROKE_TIME, Identification, judged
-from fastcoil.measured.measures import measures_of
 from fastcoil.measured.part import runs, turns
 from fastcoil.measured.valve_reading import ValveReading
 from fastcoil.measured.valve_response import Response, response
@@ -188,7 +187,9 @@ def _cause(grid: Grid, stroke_time: float, first: int, found: Identification, he
     if "T_set" not in values or first * grid.interval < LEAST_BEFORE:
         return Cause(UNKNOWN, "log T_set, and an hour or more of normal operation before the test")
     before = Grid(grid.interval, grid.time[:first], values, grid.on[:first], grid.increment)
-    measures, gap = measures_of(before, stroke_time), found.backlash if np.isfinite(found.backlash) else 0.0
+    of_log, measures = identified(before, stroke_time)
+    found = found if found.identified else of_log
+    gap = found.backlash if np.isfinite(found.backlash) else 0.0
     fitted = fit_loop_model(
         values["command"], values["T_sup"], values["T_set"], grid.interval, gap, stroke_time, None, before.on, None
     )

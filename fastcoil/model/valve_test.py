@@ -8,7 +8,10 @@ than the motor leaves its stroke time out of what the temperature tells.
 
 from typing import NamedTuple
 
+import numpy as np
+
 from fastcoil.model.control import clipped
+from fastcoil.model.estimators.interface import low_passed, weight_of_new
 from fastcoil.model.numerics.jit import exact
 
 OFF, SETTLE, RAMP, HOLD = 0.0, 1.0, 2.0, 3.0
@@ -24,6 +27,15 @@ SLOWEST, FASTEST, FASTER = 0.2, 4.0, 2.0
 """A ramp's least and greatest rate over the given one, and over that of the ramp before."""
 FARTHEST = 0.3
 """Fraction of stroke after which a ramp ends though the temperature has not passed the threshold."""
+
+
+AT_FIRST = 2.0
+"""Times the limit that the error may reach before the first ramp has ended: a loop that hunts starts anywhere."""
+
+
+MEAN_TIME, SWINGS = 600.0, 0.05
+"""Seconds that the mean of the command goes back over, and fraction of stroke off that mean from which a test begins
+at the mean: the command of a loop that swings widely is held in its middle, and not at an end of its swing."""
 
 
 class Parameters(NamedTuple):
@@ -57,13 +69,32 @@ class Memory(NamedTuple):
     lowest: float = 0.0
     highest: float = 0.0
     """Error so far in this phase, K; of settling in its last part."""
+    ramps: float = 0.0
+    """That have ended."""
+    mean: float = np.nan
+    """Of the command before the test."""
     aborted: float = NO
 
 
 @exact
-def begin(T_set, p):
+def begin(T_set, p, memory):
     """Memory at the start of a test."""
-    return Memory(SETTLE, 0.0, 0.0, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, NO)
+    return Memory(SETTLE, 0.0, 0.0, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, 0.0, memory.mean, NO)
+
+
+@exact
+def held_command(command, memory):
+    """Command that is held from the start of a test on."""
+    return memory.mean if abs(command - memory.mean) > SWINGS else command
+
+
+@exact
+def mean_of(command, p, memory):
+    """Memory after one more sample without a test."""
+    m = memory
+    mean = low_passed(m.mean, command, weight_of_new(MEAN_TIME, p.sample_time))
+    return Memory(OFF, m.elapsed, m.since, m.direction, m.ramp, m.turned_at, m.reference, m.lowest, m.highest, m.ramps,
+                  mean, m.aborted)  # fmt: skip
 
 
 @exact
@@ -103,10 +134,24 @@ def step(e, command, enabled, p, memory):
     aborted = SWING if settled and highest - lowest > CALM else NO
     # turning there is enough where the temperature has come back
     aborted = END_OF_STROKE if m.phase == RAMP and at_end and m.direction * e > 0.0 else aborted
-    aborted = EXCURSION if abs(e) > p.test_excursion else aborted
+    limit = p.test_excursion * (AT_FIRST if m.ramps == 0.0 else 1.0)
+    aborted = EXCURSION if abs(e) > limit else aborted
     aborted = aborted if enabled else DISABLED
     ends = aborted != NO or elapsed >= 60.0 * p.test_minutes
     since = 0.0 if phase != m.phase else since
-    after = Memory(OFF if ends else phase, elapsed, since, direction, ramp, turned_at, m.reference, lowest, highest,
-                   aborted)  # fmt: skip
+    ramps = m.ramps + (1.0 if reached else 0.0)
+    after = Memory(
+        OFF if ends else phase,
+        elapsed,
+        since,
+        direction,
+        ramp,
+        turned_at,
+        m.reference,
+        lowest,
+        highest,
+        ramps,
+        m.mean,
+        aborted,
+    )
     return command if aborted != NO else clipped(moved), after

@@ -76,39 +76,50 @@ def swinging(day: fc.Boundary, seed: int, n: int) -> list[fc.Boundary]:
     return found
 
 
-def logs(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY) -> Logs:
-    """Simulate the valves of a kind, and find out why each swings."""
+def logs(
+    kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY, test: fc.ValveTest | None = None
+) -> Logs:  # fmt: skip
+    """Simulate the valves of a kind, and find out why each swings.  test: a valve test in the log, not in the truth."""
     drawn = valves(kind, seed, n)
     day = of_kind(CONSTANT if kind == SWINGING else kind, [day_seed])
     days = swinging(day, seed, n) if kind == SWINGING else [day] * n
-    traces = {"traces": ["command", "T_measured"], "trace_interval": LOGGED, "seed": seed}
+    names = ["command", "T_measured", *(["test"] if test else [])]
+    traces = {"traces": names, "trace_interval": LOGGED, "seed": seed}
 
-    def simulated(boundary: fc.Boundary, k: slice, traced: bool = False, **changes: object) -> xr.Dataset:
+    def simulated(
+        boundary: fc.Boundary, k: slice, traced: bool = False, tested: bool = False, **changes: object
+    ) -> xr.Dataset:
         parameters = {name: ("sample", values[k]) for name, values in drawn.items()} | changes
         loop = fc.Loop.preset("lbnl").assign(m_full=1.7, estimate_ratio=0.0, **parameters, **settings(kind))
-        ds = fc.simulate(loop, boundary, **(traces if traced else {"seed": seed}))
+        ds = fc.simulate(loop, boundary, test=test if tested else None, **(traces if traced else {"seed": seed}))
         return ds.isel(day=0) if "day" in ds.dims else ds
 
     everyone = slice(None)
     alone = simulated(day, everyone, traced=True)
     without = simulated(day, everyone, backlash=0.0)
     if kind == SWINGING:
-        seen = [simulated(days[k], slice(k, k + 1), traced=True).isel(sample=0) for k in range(n)]
+        swung = [simulated(days[k], slice(k, k + 1), traced=True).isel(sample=0) for k in range(n)]
     else:
-        seen = [alone.isel(sample=k) for k in range(n)]
+        swung = [alone.isel(sample=k) for k in range(n)]
+    seen = swung
+    if test is not None and kind == SWINGING:
+        seen = [simulated(days[k], slice(k, k + 1), traced=True, tested=True).isel(sample=0) for k in range(n)]
+    elif test is not None:
+        of_all = simulated(day, everyone, traced=True, tested=True)
+        seen = [of_all.isel(sample=k) for k in range(n)]
     cause = []
     for k in range(n):
         itself, good = bool(alone.hunts[k]), bool(without.hunts[k])
-        forced = kind == SWINGING and VISIBLE < float((seen[k].T_measured - alone.T_measured[k]).std())
+        forced = kind == SWINGING and VISIBLE < float((swung[k].T_measured - alone.T_measured[k]).std())
         cause.append("tuning" if good else "backlash" if itself else "disturbance" if forced else "none")
     found = []
     for ds, one in zip(seen, days, strict=True):
         T_set = one.series["T_set"][0, ::LOGGED]
-        log = xr.Dataset({name: ("elapsed_time", ds[name].values.astype(float)) for name in ("command", "T_measured")})
+        log = xr.Dataset({name: ("elapsed_time", ds[name].values.astype(float)) for name in names})
         log["T_set"] = ("elapsed_time", np.asarray(T_set, float))
         log = log.assign_coords(elapsed_time=("elapsed_time", ds.elapsed_time.values, {"units": "s"}))
-        for name, unit in (("command", "1"), ("T_measured", "degC"), ("T_set", "degC")):
-            log[name].attrs["units"] = unit
+        for name in log:
+            log[name].attrs["units"] = "degC" if str(name).startswith("T_") else "1"
         found.append(log)
     return Logs(found, cause, drawn["backlash"], drawn["stroke_time"])
 

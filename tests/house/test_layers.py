@@ -16,7 +16,7 @@ LAYERS = ["base", "model", "logs", "loops", "design", "measured", "study", "deli
 """A room imports from itself and from those before it."""
 INSIDE_MODEL = [
     ["parameter_table", "metric_table", "moist_air"],
-    ["numerics"], ["physics", "control"], ["valve_test"], ["estimators"], ["engine"], ["user_rules"],
+    ["numerics"], ["physics", "control"], ["estimators"], ["valve_test"], ["engine"], ["user_rules"],
 ]  # fmt: skip
 """The same inside the model, where compiled code lies."""
 COMPILED = {"numerics", "physics", "control", "valve_test", "estimators", "engine"}

@@ -163,11 +163,13 @@ def run_test(S, t, T_set, noise, enabled):
         before = values_at(valve_test.Memory, S, R.test_phase + j, LANES)
         waits = t - S[R.test_start + j]
         starts = due and enabled and waits >= 0.0 and waits < S[R.sample_time + j]
-        memory = valve_test.begin(T_set, p) if starts else before
+        held = valve_test.held_command(S[R.command + j], before) if starts else S[R.command + j]
+        memory = valve_test.begin(T_set, p, before) if starts else before
         runs = memory.phase != valve_test.OFF
-        acts = runs and (due or not enabled)
+        acts = due or (runs and not enabled)
         sign = S[R.sign + j]
-        command, after = valve_test.step(sign * (y - memory.reference), S[R.command + j], enabled, p, memory)
+        command, after = valve_test.step(sign * (y - memory.reference), held, enabled, p, memory)
+        after = after if runs else valve_test.mean_of(S[R.command + j], p, before)
         keep(acts, after, before, S, R.test_phase + j, LANES)
         runs = S[R.test_phase + j] != valve_test.OFF
         S[R.test + j] = 1.0 if runs else 0.0

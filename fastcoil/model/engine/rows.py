@@ -135,6 +135,7 @@ def set_initial_state(S, open_loop):
         S[R.worn + j] = S[R.backlash + j]
         S[R.gap + j] = S[R.backlash + j]
         S[R.backlash_scale + j] = 1.0
+        S[R.test_mean + j] = np.nan
         S[R.time_reached + j] = np.nan
         S[R.time_confirmed + j] = np.nan
         S[R.time_identified + j] = np.nan
