@@ -67,7 +67,6 @@ with_constants = click.option(
 @with_common_options
 @click.option("-o", "--out", type=PATH, default="valve.toml", show_default=True, help="TOML file to write.")
 @click.option("--m-max", type=float, help="Asymptotic flow, kg/s; fitted by default.")
-@click.option("--floor", type=float, help="Lowest reading of the flow meter, kg/s; estimated by default.")
 @click.option(
     "--lag",
     type=_lag,

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arrays import Array
+from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
 from fastcoil.base.files import read_bytes
 from fastcoil.base.results import Result, as_toml, toml_table
@@ -32,11 +32,11 @@ _POOR = 0.8  # a model of the right thing explains at least this share of the va
 _MUCH, _ROUND_OFF = 2.0, 1e-9
 _LARGEST = 2**20  # bytes of a file that a fit wrote
 _SHOWN = {
-    "valve": ("m_w", "flow [kg/s]", ""),
-    "coil": ("T_sup", "supply air [°C]", "T_sup_"),
-    "loop": ("T_sup", "supply air [°C]", ""),
+    "valve": ("m_w", "flow [kg/s]", "", "whether the pump ran"),
+    "coil": ("T_sup", "supply air [°C]", "T_sup_", "how the inputs run between samples"),
+    "loop": ("T_sup", "supply air [°C]", "", "whether the loop is that of the log"),
 }
-"""The measured series of a figure, its label, and how the names of the modelled one and of the residual begin."""
+"""The measured series, its label, how the names of the modelled one and of the residual begin, what may be wrong."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,7 +120,7 @@ class Fit(Result):
         """Measured and fitted values over time, the residual below, a column for each part of the log."""
         from matplotlib.figure import Figure
 
-        measured, label, prefix = _SHOWN[self.kind]
+        measured, label, prefix, _ = _SHOWN[self.kind]
         ds, parts = self.residuals, [part for part in (FITTING, VALIDATION) if part in self.rmse]
         fig = Figure(figsize=(5.2 * max(len(parts), 1.4), 4.6), layout="constrained")
         rows = fig.subplots(2, len(parts), squeeze=False, sharex="col", sharey="row", height_ratios=(3, 2))
@@ -190,17 +190,25 @@ class Fit(Result):
 
 
 def finished(
-    data: Log, started: float, part: NDArray[np.str_], series: Mapping[str, tuple[Array, str]],
-    names: Sequence[str], covariance: Array, **others: Any,
+    data: Log, started: float, compared: Mask, fitting: Mask, errors: Mapping[str, Array],
+    series: Mapping[str, tuple[Array, str]], names: Sequence[str], covariance: Array, *, kind: str, notes: list[str],
+    **others: Any,
 ) -> Fit:  # fmt: skip
     """The fit of a log, begun at the time ``started``.
 
-    part: of each sample.  series: the measured and modelled ones with their units.  names, covariance: of the
-    estimated parameters.
+    compared, fitting: which samples are, (n,).  errors: by the ending that they have in ``rmse``, NaN where they do not
+    count.  series: the measured and modelled ones with their units.  names, covariance: of the estimated parameters.
     """
+    of_log = np.where(fitting, FITTING, VALIDATION)
+    part, rmse = np.where(compared, of_log, UNUSED), rmse_of(of_log, errors)
+    measured, _, _, check = _SHOWN[kind]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
     return Fit(
+        kind=kind,
         source=data.name,
+        unit="kg/s" if kind == "valve" else "K",
+        rmse=rmse,
+        notes=notes + poor(rmse, series[measured][0][compared & fitting], measured, f"units, columns, and {check}"),
         residuals=xr.Dataset(
             {name: ("elapsed_time", values, {"units": unit}) for name, (values, unit) in series.items()}
             | {name: ("elapsed_time", values) for name, values in columns.items()},

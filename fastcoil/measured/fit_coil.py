@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastcoil.base.arguments import checking, choice_of, names_of, number_of
 from fastcoil.base.arrays import Array
@@ -15,8 +14,8 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import HUMIDITIES
 from fastcoil.loops.loop import Loop
 from fastcoil.measured.coil_problem import COIL, LN_C_W, LOGS, CoilProblem, in_operation, record_of
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, poor, rmse_of
-from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, checked_part
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval
+from fastcoil.measured.part import checked_part
 from fastcoil.model.metric_table import WARM_UP
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -44,7 +43,6 @@ def fit_coil(
     pressure: float = 101325.0,
     holds: str | Sequence[str] | None = None,
     split: float | None = None,
-    fit_until: float | None = None,
     validation: Any = None,
     drop: bool = False,
     jumps: str = "refuse",
@@ -69,7 +67,7 @@ def fit_coil(
         the march that they were fitted with.
     holds
         Name or names of inputs that hold between samples; the others run straight.
-    split, fit_until, validation
+    split, validation
         As in ``fc.fit_valve``; the pieces between gaps are its batches.
     units, columns, constants, drop, jumps, max_gap, time_format
         How the log is read: see ``fastcoil.logs.Reading``.
@@ -102,7 +100,7 @@ def fit_coil(
             check.problems.append(f"{name} = {shown(array.values.tolist())}: give one value")
         how = checked_reading(check, columns=columns, units=units, constants=constants, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-        part = checked_part(check, split, fit_until, validation)
+        part = checked_part(check, split, validation)
     both = minimise_on == "both"
     wanted = Wanted(
         needed=(*_NEEDED, "T_w_out") if both else _NEEDED,
@@ -146,9 +144,7 @@ def _fit_of(problem: CoilProblem, started: float) -> Fit:
             held.setdefault(COIL[k], _STABLE if k == LN_C_W and best.x[k] < problem.prior[k] else AT_BOUND)
     estimated = [k for k, name in enumerate(COIL) if name not in held]
 
-    part, series, rmse = _compared(problem, x)
-    fitted = problem.compared["T_sup"] & problem.fitting
-    notes += poor(rmse, data.values["T_sup"][fitted], "T_sup", "units, columns, and how the inputs run between samples")
+    series, errors = _compared(problem, x)
     notes.append(f"{100 * (wet > 0).mean():.0f} % of the fitted samples have wet volumes, {wet.mean():.1f} on average")
     most = record.limits.m_w_max
     notes.append(f"stable up to the {most:.3g} kg/s of water in the part fitted; for more, raise C_w in proportion")
@@ -157,17 +153,15 @@ def _fit_of(problem: CoilProblem, started: float) -> Fit:
         given = ", ".join(f"{name} = {value!r}" for name, value in marched.items())
         notes.append(f"fitted with {given}: give the loop the same, the parameters belong to it")
     return finished(
-        data, started, part, series, [COIL[k] for k in estimated], covariance[np.ix_(estimated, estimated)],
-        kind="coil", unit="K", parameters=dict(zip(COIL, values.tolist(), strict=True)),
+        data, started, problem.compared["T_sup"], problem.fitting, errors, series, [COIL[k] for k in estimated],
+        covariance[np.ix_(estimated, estimated)], kind="coil", parameters=dict(zip(COIL, values.tolist(), strict=True)),
         intervals={COIL[k]: natural_interval(y[k], half[k], bool(LOGS[k])) for k in estimated},
-        profile=None, rmse=rmse, held=held, notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
+        profile=None, held=held, notes=notes, n_used=spread.n_used, n_effective=spread.n_effective,
     )  # fmt: skip
 
 
-def _compared(
-    problem: CoilProblem, x: Array
-) -> tuple[NDArray[np.str_], dict[str, tuple[Array, str]], dict[str, float]]:
-    """The part of each sample, measured and modelled temperatures with their units, and RMSE by part."""
+def _compared(problem: CoilProblem, x: Array) -> tuple[dict[str, tuple[Array, str]], dict[str, Array]]:
+    """Measured and modelled series with their units, and the errors that count."""
     data, compared = problem.data, problem.compared
     found = {name: values[:, 0] for name, values in problem.record.run(x).items()}
     if not problem.record.is_stable(x):
@@ -177,14 +171,12 @@ def _compared(
             f"not validated: the coil is unstable at the flows of the part held back, up to "
             f"{problem.record.limits_of_all.m_w_max:.3g} kg/s of water: fit a part that has such flows"
         )
-    of_log = np.where(problem.fitting, FITTING, VALIDATION)
-    part = np.where(compared["T_sup"], of_log, UNUSED)
     series: dict[str, tuple[Array, str]] = {}
-    rmse: dict[str, float] = {}
+    errors: dict[str, Array] = {}
     for name, ending in (("T_sup", ""), ("T_w_out", "_T_w_out")):
-        modelled, measured = found[name], data.values.get(name, np.full(part.size, np.nan))
+        modelled, measured = found[name], data.values.get(name, np.full(data.time.size, np.nan))
         series |= {name: (measured, "degC"), f"{name}_modelled": (modelled, "degC")}
         series[f"{name}_residual"] = measured - modelled, "K"
-        rmse |= rmse_of(of_log, {ending: np.where(compared.get(name, False), modelled - measured, np.nan)})
+        errors[ending] = np.where(compared.get(name, False), modelled - measured, np.nan)
     series["wet_volumes"] = found["wet_volumes"], "1"
-    return part, series | {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}, rmse
+    return series | {name: (data.values[name], "kg s-1") for name in ("m_w", "m_a")}, errors

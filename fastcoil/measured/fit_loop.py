@@ -22,8 +22,8 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
 from fastcoil.measured.coil_problem import in_operation, number_in, of_pieces, on_seconds, require_temperatures
-from fastcoil.measured.fit import Fit, finished, poor, profile_of, rmse_of
-from fastcoil.measured.part import FITTING, UNUSED, VALIDATION, Part, checked_part, unbroken
+from fastcoil.measured.fit import Fit, finished, profile_of
+from fastcoil.measured.part import Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals, why_unidentified
 from fastcoil.model.metric_table import WARM_UP
 
@@ -63,7 +63,6 @@ def fit_loop(
     constants: Mapping[str, float] | None = None,
     warm_up: float = WARM_UP,
     split: float | None = None,
-    fit_until: float | None = None,
     validation: Any = None,
     drop: bool = False,
     jumps: str = "refuse",
@@ -84,7 +83,7 @@ def fit_loop(
         ``backlash`` and its controller play no part.
     warm_up
         Seconds left out at each start of the model [s].
-    split, fit_until, validation
+    split, validation
         As in ``fc.fit_valve``.
     units, columns, constants, drop, jumps, max_gap, time_format
         How the log is read: see ``fastcoil.logs.Reading``.
@@ -111,7 +110,7 @@ def fit_loop(
         warm_up = check(number_of, "warm_up", warm_up, "give a number of seconds, 0 or more", least=0.0)
         how = checked_reading(check, columns=columns, units=units, constants=constants, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-        part = checked_part(check, split, fit_until, validation)
+        part = checked_part(check, split, validation)
         for name, values in loop.swept.items() if isinstance(loop, Loop) else ():
             if name != "backlash":
                 check.problems.append(f"loop has {name} = {shown(values.values.tolist())}: give one value")
@@ -124,7 +123,7 @@ def fit_loop(
 
 def _fit_of(problem: LoopProblem, started: float) -> Fit:
     """The best candidate, how far it moves when blocks of the log are resampled, and what a user may ask beside it."""
-    data, measured, fitted = problem.data, problem.T_sup, problem.compared & problem.fitting
+    data, measured = problem.data, problem.T_sup
     grid, modelled = problem.candidates()
     sums = problem.sums(modelled)
     best = corrected(sums)
@@ -136,8 +135,7 @@ def _fit_of(problem: LoopProblem, started: float) -> Fit:
     explained = 1.0 - float(best.rss[k]) / max(best.total, 1e-12)
     why = _why_unidentified(problem, x, interval, sums.n.size, explained)
     with_it, without = (problem.shown(modelled, best, one) for one in (k, 0))
-    part = np.where(problem.compared, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
-    rmse = rmse_of(part, {"": with_it - measured, "_without_backlash": without - measured})
+    seen = np.where(problem.compared, measured, np.nan)
     series = {
         "T_sup": (measured, "degC"),
         "modelled": (with_it, "degC"),
@@ -145,15 +143,13 @@ def _fit_of(problem: LoopProblem, started: float) -> Fit:
         "residual": (measured - with_it, "K"),
         "command": (data.values["command"], "1"),
     }
-    check = "units, columns, and whether the loop is that of the log"
     known = {} if why else {"backlash": x}
     return finished(
-        data, started, part, series, list(known), np.full((len(known), len(known)), float(draws.std()) ** 2),
-        kind="loop", unit="K", parameters=known, intervals=dict.fromkeys(known, interval),
+        data, started, problem.compared, problem.fitting, {"": with_it - seen, "_without_backlash": without - seen},
+        series, list(known), np.full((len(known), len(known)), float(draws.std()) ** 2),
+        kind="loop", parameters=known, intervals=dict.fromkeys(known, interval), held={"backlash": why} if why else {},
         profile=profile_of(grid, np.sqrt(np.maximum(best.rss, 0.0) / sums.n.sum()), "K", x, interval),
-        rmse=rmse, held={"backlash": why} if why else {},
-        notes=problem.notes + poor(rmse, measured[fitted], "T_sup", check),
-        n_used=int(fitted.sum()), n_effective=float(sums.n.size),
+        notes=problem.notes, n_used=int(problem.used.sum()), n_effective=float(sums.n.size),
     )  # fmt: skip
 
 

@@ -12,10 +12,10 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, poor, profile_of, rmse_of
+from fastcoil.measured.fit import AT_BOUND, NOT_UNIQUE, Fit, finished, natural_interval, profile_of
 from fastcoil.measured.lag import with_lag, without_lag
-from fastcoil.measured.part import ABOVE_0, FITTING, UNUSED, VALIDATION, checked_part
-from fastcoil.measured.valve_problem import LOGS, M_MAX, X_BL, ValveProblem, ValveSolution, judged
+from fastcoil.measured.part import ABOVE_0, checked_part
+from fastcoil.measured.valve_problem import LOGS, X_BL, ValveProblem, ValveSolution, judged
 from fastcoil.model.engine.recorded import VALVE_ROWS
 
 _WANTED = Wanted(needed=("command", "m_w"), optional=("enabled",), measured=("m_w",))
@@ -40,11 +40,7 @@ def fit_valve(
     units: Mapping[str, str] | None = None,
     columns: Mapping[str, str] | None = None,
     m_max: float | None = None,
-    floor: float | None = None,
-    settle: float | None = None,
-    initial: str = "unknown",
     split: float | None = None,
-    fit_until: float | None = None,
     validation: Any = None,
     lag: float | str = "auto",
     holds: str | None = None,
@@ -63,19 +59,12 @@ def fit_valve(
         ``batch``, the number of the experiment if the log holds several.
     m_max
         Asymptotic flow of Eq (2) [kg/s], if it is known; estimated if left out.
-    floor
-        Lowest reading of the flow meter [kg/s], 0 for none; found from the data if left out.
-    settle
-        Seconds after a change of the command in which the flow is not compared; half of a typical hold if left out
-        and the command is held, else 0.
-    initial
-        Where in the gap each batch starts: ``unknown`` (estimated), ``rising`` or ``falling``.
-    split, fit_until
-        Share of the log that is fitted (of its batches, if it has at least four), 0.7 if left out; or the last second
-        that is fitted.  The rest is held back for validation.
+    split
+        Share of the log that is fitted (of its batches, if it has at least four), 0.7 if left out.  The rest is held
+        back for validation.
     validation
-        Another log, of the same columns, to validate with; then all of the first is fitted, or all up to
-        ``fit_until``.  What is held back has no influence on the fit.
+        Another log, of the same columns, to validate with; then all of the first is fitted.  What is held back has no
+        influence on the fit.
     lag
         Seconds by which the flow is logged after the command, negative if before; ``auto``: estimated for each piece
         of the part that is fitted, reported, removed; what is held back is moved like the last of them.
@@ -97,31 +86,29 @@ def fit_valve(
 
     Notes
     -----
-    Cai and Braun (2016), section 2.1.3.  Only b/(1 - x_BL) and (1 - x_BL) c enter Eq (2): α = 1/(1 - x_BL) assumes
-    that a full command opens the valve fully.
+    Cai and Braun (2016), section 2.1.3.  Where in the gap each batch starts, and the floor of the meter, are
+    estimated.  If the command is held, flows of the first half of a typical hold are not compared.  Only b/(1 - x_BL)
+    and (1 - x_BL) c enter Eq (2): α = 1/(1 - x_BL) assumes that a full command opens the valve fully.
     """
     started = time.perf_counter()
     with checking() as check:
         log = check(log_of, "log", log)
         m_max = check.unless_none(number_of, "m_max", m_max, "give a flow above 0 kg/s", least=ABOVE_0)
-        floor = check.unless_none(number_of, "floor", floor, "give a number, 0 or more", least=0.0)
-        settle = check.unless_none(number_of, "settle", settle, "give a number, 0 or more", least=0.0)
-        initial = check(choice_of, "initial", initial, ("unknown", "rising", "falling"))
         lag = check(_lag_of, lag)
         holds = check.unless_none(choice_of, "holds", holds, ("command",))
         how = checked_reading(check, columns=columns, units=units, drop=drop, jumps=jumps,
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
-        part = checked_part(check, split, fit_until, validation)
+        part = checked_part(check, split, validation)
 
     data = part.read(log, _WANTED, how, _in_order)
-    _check(data, floor, m_max)
+    _check(data, m_max)
     if isinstance(lag, float):
         data = with_lag(data, lag, part.fitted(data))
-    problem = ValveProblem(data, floor, settle, part)
+    problem = ValveProblem(data, part)
     if lag == "auto":
         moved = without_lag(data, problem.good, problem.fitting)
-        problem = problem if moved is data else ValveProblem(moved, floor, settle, part)
-    return _fit_of(problem, problem.solve(m_max, initial), holds is not None, started)
+        problem = problem if moved is data else ValveProblem(moved, part)
+    return _fit_of(problem, problem.solve(m_max), holds is not None, started)
 
 
 def _lag_of(lag: Any) -> float | str:
@@ -144,7 +131,7 @@ def _in_order(data: Log) -> Log:
     return data
 
 
-def _check(data: Log, floor: float | None, m_max: float | None) -> None:
+def _check(data: Log, m_max: float | None) -> None:
     """Refuse arguments that do not fit the log, and a log in which the valve stands still."""
     first = data.source == 0
     command, flow = data.values["command"][first], data.values["m_w"][first]
@@ -158,8 +145,6 @@ def _check(data: Log, floor: float | None, m_max: float | None) -> None:
     ]
     if reach < _LEAST_REACH:
         problems.append(f"{data.name}: command is never above {reach:.3g} of the stroke: check its unit")
-    if floor is not None and floor >= top:
-        problems.append(f"floor = {floor:g} kg/s: {data.name} has no larger flow than {top:.3g} kg/s, lower it")
     if m_max is not None and m_max < _LEAST_SHARE * top:
         problems.append(f"m_max = {m_max:g} kg/s: {data.name} has flows up to {top:.3g} kg/s, give at least that")
     if problems:
@@ -195,7 +180,7 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
 
     variances = np.diag(spread.covariance)[:5]
     held = {"backlash": found.why} if found.why else {}
-    if M_MAX in solution.fixed:
+    if solution.is_m_max_given:
         held["m_max"] = "given"
     for name, variance in list(zip(VALVE_ROWS, variances, strict=True))[1:]:
         if not math.isfinite(variance):
@@ -230,9 +215,8 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     start[: both.shape[0] - 5] = both[5:]
     openings, modelled = problem.flows(both[:5], start, problem.command)
     with_it, without = modelled.T
-    part = np.where(problem.good, np.where(problem.fitting, FITTING, VALIDATION), UNUSED)
-    rmse = rmse_of(part, {"": with_it - problem.flow, "_without_backlash": without - problem.flow})
-    notes += poor(rmse, flow, "m_w", "units, columns, and whether the pump ran")
+    measured = np.where(problem.good, problem.flow, np.nan)
+    errors = {"": with_it - measured, "_without_backlash": without - measured}
     n_compared = solution.model.used.sum()
     limit = math.sqrt(profiled.limit / n_compared)
     series = {
@@ -244,8 +228,9 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         "opening": (openings[:, 0], "1"),
     }
     return finished(
-        problem.data, started, part, series, names, covariance[np.ix_(estimated, estimated)],
-        kind="valve", unit="kg/s", parameters=parameters, intervals=intervals, rmse=rmse, held=held, notes=notes,
+        problem.data, started, problem.good, problem.fitting, errors, series, names,
+        covariance[np.ix_(estimated, estimated)],
+        kind="valve", parameters=parameters, intervals=intervals, held=held, notes=notes,
         profile=profile_of(
             profiled.grid, np.sqrt(profiled.sums / n_compared), "kg s-1", float(natural[X_BL]), found.interval,
             limit=limit,

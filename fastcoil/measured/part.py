@@ -11,7 +11,6 @@ from fastcoil.base.arguments import Checks, number_of
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.logs import Log, Reading, read_log
 from fastcoil.logs.columns import Wanted, log_of
-from fastcoil.logs.series import counted
 
 FITTING, VALIDATION, UNUSED = "fit", "validation", "unused"
 SPLIT = 0.7  # share of a log that is fitted by default
@@ -20,37 +19,23 @@ ABOVE_0 = math.nextafter(0.0, 1.0)
 
 
 class Part(NamedTuple):
-    """The part of a log to fit: a ``split`` (share) of it, or up to ``fit_until`` s; ``validation``: another log."""
+    """The part of a log to fit: a ``split`` (share) of it; ``validation``: another log, then all of the first."""
 
     split: float | None = None
-    fit_until: float | None = None
     validation: Any = None
 
     def read(self, log: Any, wanted: Wanted, how: Reading, prepared: Callable[[Log], Log]) -> Log:
-        """The log as ``prepared``, followed by the one that validates the fit, if there is one.
-
-        The first is then cut after ``fit_until``.
-        """
+        """The log as ``prepared``, followed by the one that validates the fit, if there is one."""
         data = prepared(read_log(log, wanted, how))
-        if self.validation is None:
-            return data
-        if self.fit_until is not None:
-            kept = np.asarray(np.maximum.accumulate(data.time) <= self.fit_until)
-            data = data.where(kept)
-            if not kept.all():
-                data.notes.append(f"{counted(~kept, 'row')} after fit_until left out: the other log validates the fit")
-        return data.followed_by(prepared(read_log(self.validation, wanted, how)))
+        return data if self.validation is None else data.followed_by(prepared(read_log(self.validation, wanted, how)))
 
     def fitted(self, data: Log) -> Mask:
         """Which samples are fitted, (n,).
 
-        A log of at least four batches is split between batches, and the last is never fitted.  With a second log to
-        validate with, all of the first is fitted.
+        A log of at least four batches is split between batches, and the last is never fitted.
         """
         if len(data.names) > 1:
             return np.asarray(data.source == 0)
-        if self.fit_until is not None:
-            return np.asarray(np.maximum.accumulate(data.time) <= self.fit_until)
         share = SPLIT if self.split is None else self.split
         if data.n_batches >= _BATCHES_TO_SPLIT_BY and share < 1.0:
             ends = np.cumsum(np.bincount(data.batch)) / data.batch.size
@@ -59,18 +44,15 @@ class Part(NamedTuple):
         return np.arange(data.time.size) < max(round(share * data.time.size), 1)
 
 
-def checked_part(check: Checks, split: Any, fit_until: Any, validation: Any) -> Part:
+def checked_part(check: Checks, split: Any, validation: Any) -> Part:
     """The part of a log to fit, from the arguments of a fit."""
     share = "give the share to fit, above 0 and at most 1"
-    last = "give seconds after the first row, which is 0"
     part = Part(
         check.unless_none(number_of, "split", split, share, least=ABOVE_0, most=1.0),
-        check.unless_none(number_of, "fit_until", fit_until, last, least=ABOVE_0, most=math.inf),
         check.unless_none(log_of, "validation", validation),
     )
-    other = "fit_until" if part.validation is None else "validation"
-    if part.split is not None and getattr(part, other) is not None:
-        check.problems.append(f"split and {other} both say what is held back: give one of them")
+    if part.split is not None and part.validation is not None:
+        check.problems.append("split and validation both say what is held back: give one of them")
     return part
 
 

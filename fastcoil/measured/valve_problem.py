@@ -39,8 +39,11 @@ LOGS = np.array([False, True, True, True, False])
 """Which of backlash, m_max, a, b, c are searched by their logarithm."""
 
 
-def _settled(log: Log, fitting: Mask, settle: float | None, notes: list[str]) -> Mask:
-    """Where the flow has settled after the last change of the command, (n,); ``fitting``: rows that say how long."""
+def _settled(log: Log, fitting: Mask, notes: list[str]) -> Mask:
+    """Where the flow has settled after the last change of the command, (n,); ``fitting``: rows that say how long.
+
+    That is behind half of a typical hold; everywhere, if the command is not held.
+    """
     command, step = log.values["command"], step_of(log, fitting)
     since, starts = np.zeros(command.size), [0]
     for t in range(1, command.size):
@@ -51,16 +54,14 @@ def _settled(log: Log, fitting: Mask, settle: float | None, notes: list[str]) ->
     lengths = np.diff(np.minimum([*starts, command.size], last_fitted + 1))
     lengths = lengths[lengths > 0]
     typical = float(np.median(lengths))
-    if settle is None and typical < _HOLD_SAMPLES:
+    if typical < _HOLD_SAMPLES:
         return np.ones(command.size, dtype=bool)
-    wait = settle if settle is not None else 0.5 * typical * step
+    wait = 0.5 * typical * step
     good = since >= wait
-    good[:1] = wait == 0.0
-    if not good.all():
-        notes.append(
-            f"{int((~good).sum()):,} of {good.size:,} flows not compared: less than {wait:g} s after the command "
-            f"changed ({lengths.size:,} holds, typically {typical * step:.4g} s)"
-        )
+    notes.append(
+        f"{int((~good).sum()):,} of {good.size:,} flows not compared: less than {wait:g} s after the command "
+        f"changed ({lengths.size:,} holds, typically {typical * step:.4g} s)"
+    )
     return np.asarray(good)
 
 
@@ -139,24 +140,24 @@ class ValveSolution(NamedTuple):
     uncertainty: Uncertainty
     profile: BacklashProfile
     without_backlash: Estimate
-    fixed: list[int]  # indices of the parameters that were held
+    is_m_max_given: bool
 
 
 class ValveProblem:
     """The log, which samples of it are compared, and the model over it."""
 
-    def __init__(self, data: Log, floor: float | None, settle: float | None, part: Part) -> None:
+    def __init__(self, data: Log, part: Part) -> None:
         self.data, self.notes, self.batch = data, list(data.notes), data.batch
         self.command, self.flow = data.values["command"], data.values["m_w"]
         self.fitting = part.fitted(data)
-        self.floor = _lowest_reading(self.flow[self.fitting], self.notes) if floor is None else floor
+        self.floor = _lowest_reading(self.flow[self.fitting], self.notes)
         off = _sensor_off(self.command, self.flow, self.floor, self.fitting)
         if off.any():
             self.notes.append(
                 f"{counted(off, 'flow')} left out, sensor or pump off: 0, or the meter's floor with the valve open "
                 f"({first_row(data.rows.tolist(), off)})"
             )
-        at_rest = _settled(data, self.fitting, settle, self.notes)
+        at_rest = _settled(data, self.fitting, self.notes)
         enabled = data.values.get("enabled", np.ones(self.flow.size)) != 0.0
         if not enabled.all():
             self.notes.append(f"{counted(~enabled, 'flow')} not compared: enabled is 0")
@@ -165,7 +166,7 @@ class ValveProblem:
         if to_fit.sum() < FEWEST_SAMPLES:
             raise InputError(
                 f"{data.name}: {counted(to_fit, 'flow')} left to fit: give at least {FEWEST_SAMPLES}, "
-                f"lower settle, raise split, or give a longer log ({'; '.join(self.notes)})"
+                f"raise split, or give a longer log ({'; '.join(self.notes)})"
             )
         self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
@@ -180,8 +181,8 @@ class ValveProblem:
         valve_flows(np.ascontiguousarray(command), self.batch[:n], rows, np.ascontiguousarray(start), openings, flows)
         return openings, np.maximum(flows, self.floor)
 
-    def model(self, m_max: float | None, initial: str) -> tuple[Model, list[int]]:
-        """The least-squares problem of the part to fit, and the indices of the parameters held in it."""
+    def model(self, m_max: float | None) -> Model:
+        """The least-squares problem of the part to fit."""
         n, n_pieces = self.n_fit, self.n_pieces
         used = self.good[:n] & self.fitting[:n]
 
@@ -195,13 +196,10 @@ class ValveProblem:
             lower[M_MAX] = min(lower[M_MAX], math.log(m_max) - 1.0)
             upper[M_MAX] = max(upper[M_MAX], math.log(m_max) + 1.0)
         step = np.array([1e-3, 1e-4, 1e-4, 1e-4, 1e-4, *[0.02] * n_pieces])
-        fixed = [] if m_max is None else [M_MAX]
-        fixed += [] if initial == "unknown" else list(range(5, 5 + n_pieces))
-        return Model(residuals, lower, upper, step, self.batch[:n], used, n_pieces), fixed
+        return Model(residuals, lower, upper, step, self.batch[:n], used, n_pieces)
 
-    def _starts(self, m_max: float | None, initial: str) -> Array:
+    def _starts(self, m_max: float | None) -> Array:
         """Parameter sets to start from, (p, sets): shapes of the curve, each with several backlashes."""
-        place = {"unknown": 0.5, "rising": 1.0, "falling": 0.0}[initial]
         shapes = product(
             (0.0, 0.02, 0.04, 0.06, 0.09, 0.13, 0.18, 0.25),
             [math.log(m_max)] if m_max else [math.log(self.top * f) for f in (1.03, 1.5)],
@@ -209,12 +207,12 @@ class ValveProblem:
             (math.log(5.0), math.log(8.0), math.log(14.0)),
             (0.2, 0.4, 0.6, 0.85),
         )
-        return np.array([[*shape, *[place] * self.n_pieces] for shape in shapes]).T
+        return np.array([[*shape, *[0.5] * self.n_pieces] for shape in shapes]).T
 
-    def solve(self, m_max: float | None, initial: str) -> ValveSolution:
+    def solve(self, m_max: float | None) -> ValveSolution:
         """Fit, profile over the backlash, and fit again from a better minimum if the profile finds one."""
-        model, fixed = self.model(m_max, initial)
-        best = minimise(model, self._starts(m_max, initial), fixed)
+        model, fixed = self.model(m_max), [] if m_max is None else [M_MAX]
+        best = minimise(model, self._starts(m_max), fixed)
         for n_restarts in range(3):
             spread = widened(model, best, uncertainty(model, best, fixed, profiled=[X_BL]), fixed)
             grid = _grid(best, spread)
@@ -227,7 +225,7 @@ class ValveProblem:
         parts = _of_parts(model, best, fixed)
         between = _CALIBRATED * spread.quantile(parts.size - 1) * float(parts.std(ddof=1)) / math.sqrt(parts.size)
         found = BacklashProfile(grid, sums, limit, parts, _interval(grid, sums, best, limit, between))
-        return ValveSolution(model, best, spread, found, minima[0], fixed)
+        return ValveSolution(model, best, spread, found, minima[0], m_max is not None)
 
 
 def _grid(best: Estimate, spread: Uncertainty) -> Array:

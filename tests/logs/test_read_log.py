@@ -72,7 +72,6 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
             ["constants has T_dp_in = 99: give a number from -60 to 50 degC"],
         ),
         (COIL_HEADER, None, {"constants": {"elapsed_time": 1}}, ["constants has unknown 'elapsed_time'"]),
-        (COIL_HEADER, None, {"split": 0.5, "fit_until": 600}, ["split and fit_until both say", "give one of them"]),
     ],
 )
 def test_bad_logs_and_arguments_of_a_coil_are_refused(coil_log, header, change, options, words):

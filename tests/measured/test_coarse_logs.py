@@ -29,8 +29,8 @@ def trend(preset, interval, seed, backlash, hours, **changed):
 def solved(log):
     """The problem of a log without a shift, and its solution."""
     data = read_log(log, Wanted(needed=("command", "m_w"), measured=("m_w",)))
-    problem = ValveProblem(data, None, None, Part(1.0))
-    return problem, problem.solve(None, "unknown")
+    problem = ValveProblem(data, Part(1.0))
+    return problem, problem.solve(None)
 
 
 @pytest.fixture(scope="module")

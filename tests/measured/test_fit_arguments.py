@@ -35,14 +35,9 @@ def test_a_dead_sensor_and_a_dry_pipe_are_refused(coil_log):
     ("options", "words"),
     [
         ({"split": 2.0}, "split = 2.0: give the share to fit, above 0 and at most 1"),
-        ({"initial": "up"}, "initial = 'up'"),
         ({"m_max": "2"}, "m_max = '2': give a flow above 0 kg/s"),
         ({"m_max": 0.1}, "m_max = 0.1 kg/s: valve.csv has flows up to"),
-        ({"floor": 99.0}, "floor = 99 kg/s: valve.csv has no larger flow"),
-        ({"floor": float("nan")}, "floor = nan: give a number, 0 or more"),
-        ({"settle": -1}, "settle = -1"),
         ({"jumps": "x"}, "jumps = 'x'"),
-        ({"fit_until": 0}, "fit_until = 0: give seconds after the first row, which is 0"),
         ({"columns": ["m_w"]}, "columns = ['m_w']: give a mapping of names, such as {'m_w': 'its header'}"),
     ],
 )

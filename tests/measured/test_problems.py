@@ -67,8 +67,8 @@ def test_the_jacobian_of_a_valve_is_that_of_single_runs():
     command = walk(rng, n=120)
     batch = np.repeat([0.0, 1.0, 2.0, 3.0], 30)
     log = log_of(command, noisy(rng, flows(command), 0.01), batch=batch)
-    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), None, None, Part(1.0))
-    model, _ = problem.model(None, "unknown")
+    problem = ValveProblem(read_log(log, Wanted(needed=("command", "m_w"))), Part(1.0))
+    model = problem.model(None)
     x = np.array([0.05, math.log(2.1), math.log(0.8), math.log(8.0), 0.4, 0.3, 0.5, 0.6, 0.7])
     assert_jacobian_is_of_single_runs(model, x)
 

@@ -76,17 +76,6 @@ def test_what_a_valve_is_validated_with_has_no_influence_on_its_fit():
         assert fit.n_used == alone.n_used
 
 
-def test_the_fit_of_the_first_rows_may_be_validated_with_a_second_log():
-    rng = np.random.default_rng(26)
-    log = log_of(c := walk(rng, n=150), noisy(rng, flows(c), 0.02))
-    other = log_of(c := walk(rng, n=60), noisy(rng, flows(c), 0.02))
-    fit = fc.fit_valve(log, fit_until=79 * 60, validation=other, lag=0, holds="command")
-    alone = fc.fit_valve(log.isel(elapsed_time=slice(80)), split=1.0, lag=0, holds="command")
-    assert fit.parameters == alone.parameters
-    assert (fit.residuals["part"] == "validation").sum() == 60
-    assert "70 rows after fit_until left out: the other log validates the fit" in fit.notes
-
-
 def test_scales_and_limits_of_a_coil_come_from_the_part_to_fit(two_days, validated):
     """A second log with five times the flows: the same fit would be unstable there, and says so."""
     first, second = two_days
