@@ -201,12 +201,12 @@ def names_of(argument: str, given: object) -> list[str]:
     """One name or an iterable of different names, as a list."""
     given = plain(given)
     is_0d = getattr(given, "ndim", None) == 0  # of xarray: it has __iter__, which raises
-    several = (
-        [given] if isinstance(given, str) else list(given) if isinstance(given, Iterable) and not is_0d else [None]
-    )
-    names = [name for name in map(plain, several) if isinstance(name, str)]
-    if len(names) < len(several):
-        raise InputError(WrongType(f"{argument} = {shown(given)}: must be a name or a list of names"))
+    several: Iterable[object] = [given] if isinstance(given, str) or is_0d or not isinstance(given, Iterable) else given
+    names: list[str] = []
+    for name in map(plain, several):
+        if not isinstance(name, str):  # of a range of millions the first is enough
+            raise InputError(WrongType(f"{argument} = {shown(given)}: must be a name or a list of names"))
+        names.append(name)
     if not names:
         raise InputError(f"{argument} is empty: give at least one name")
     twice = sorted({name for name in names if names.count(name) > 1})

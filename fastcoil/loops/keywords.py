@@ -63,6 +63,13 @@ class Keywords(TypedDict, total=False):
     action: Literal["cooling", "heating"] | Value
     plant_gain: Value
     law: Literal["pi"] | Value
+    test_start: Value
+    test_minutes: Value
+    test_rate: Value
+    test_threshold: Value
+    test_settle: Value
+    test_hold: Value
+    test_excursion: Value
     backlash_estimate: Value
     estimate_ratio: Value
     buffer: Value

@@ -22,6 +22,7 @@ import fastcoil as fc
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
+from fastcoil.measured.valve_reading import ValveReading
 
 pytestmark = pytest.mark.kernel
 
@@ -56,6 +57,8 @@ HOSTILE = {
 """Wrong values that users pass by mistake: of another type, size, unit or shape."""
 NEVER_RIGHT = ("object", "module")
 """Values that no argument accepts."""
+PASSED_ON = ("ValveTest.gentle", "ValveTest.heating")
+"""Methods that hand all their arguments to a function that is attacked itself."""
 _WEATHER = ["hour_of_year", "month", "day", "hour", "T_drybulb_C", "T_dewpoint_C"]
 
 
@@ -70,10 +73,10 @@ def public_calls():
             found[name] = value
         if isinstance(value, type):
             found |= _methods(name, value)
-    for cls in (Fit, Diagnosis, Tuning):
+    for cls in (Fit, Diagnosis, Tuning, ValveReading):
         found |= _methods(cls.__name__, cls)
     found |= {f"plot.{name}": getattr(fc.plot, name) for name in fc.plot.__all__}
-    return {name: call for name, call in found.items() if parameters(call)}
+    return {name: call for name, call in found.items() if parameters(call) and name not in PASSED_ON}
 
 
 def _methods(name, cls):
@@ -118,6 +121,8 @@ def base_calls(tmp_path_factory):
     for name in ("T_sup", "T_set"):
         recorded[name].attrs["units"] = "degC"
     hunting = write_log(loop_log(hours=1.0), folder / "loop.csv")
+    tested = write_log(loop_log(hours=0.25, interval=15.0), folder / "test.csv")
+    when = {"between": (300.0, 800.0)}
     entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
     seconds = np.arange(300.0)
     commanded = xr.Dataset(
@@ -152,6 +157,8 @@ def base_calls(tmp_path_factory):
         "Loop.assign": (fc.Loop(kp=[0.01, 0.02]).assign, {}),
         "Loop.from_dataset": (fc.Loop.from_dataset, {"ds": ds}),
         "Loop.preset": (fc.Loop.preset, {"name": "lbnl"}),
+        "ValveReading.to_toml": (fc.read_test(tested, **when).to_toml, {"path": folder / "reading.toml"}),
+        "ValveTest": (fc.ValveTest, {"start": 60.0}),
         "compare": (fc.compare, {"ds": ds, "baseline": {"backlash": 0.02}, "over": "replicate"}),
         "constant_day": (fc.constant_day, days),
         "cost": (fc.cost, {"ds": dated, "electricity": 0.2, "demand": 12.0, "heat": 0.05}),
@@ -176,6 +183,7 @@ def base_calls(tmp_path_factory):
         "plot.limit_cycle": (fc.plot.limit_cycle, {"data": swings, "predicted": predicted, "ax": panels[2]}),
         "plot.map": (fc.plot.map, {"data": ds, "metric": "iae", "x": "backlash", "y": "kp", "ax": panels[0]}),
         "plot.traces": (fc.plot.traces, {"data": traced, "boundary": day, "show": "T_sup", "ax": panels[3]}),
+        "read_test": (fc.read_test, {"log": tested, **when}),
         "replay": (fc.replay, {"loop": loop, "log": recorded}),
         "report": (fc.report, {"what": out}),
         "run_study": (fc.run_study, {"path": toml, "out": out}),
