@@ -248,6 +248,18 @@ def claimed_over_time(n: int = 128) -> None:
     save_figure(figure, "valve_test/valve_test.png")
 
 
+def picture() -> None:
+    """The test of the page, read."""
+    loop = fc.Loop.preset("lbnl").assign(
+        backlash=0.08, noise_std=0.02, kp=0.06, ti=60, sample_time=LOGGED, stroke_time=90
+    )  # fmt: skip
+    day = fc.Boundary(**{**fc.paper_day(hours=HOURS, seed=3).series, "T_set": 14.0})
+    how: dict[str, Any] = {"traces": ["command", "T_measured", "test"], "trace_interval": LOGGED}
+    ds = fc.simulate(loop, day, test=fc.ValveTest(start=START), **how).squeeze()
+    T_set = ("elapsed_time", np.full(ds.sizes["elapsed_time"], 14.0), {"units": "degC"})
+    save_figure(fc.read_test(ds.assign(T_set=T_set), stroke_time=90).plot(), "valve_test/one_test.png")
+
+
 def main() -> None:
     """Write the tables and the figure."""
     many = f"{VALVES} valves on {DAYS} days, a quarter without a gap"
@@ -262,3 +274,4 @@ def main() -> None:
                 ["tests", *(word.replace("_", " ") for word in TEST_ABORTED[1:])],
                 [[label, *counts] for label, counts in reasons.items()])  # fmt: skip
     claimed_over_time()
+    picture()
