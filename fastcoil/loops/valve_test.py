@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from fastcoil.base.errors import InputError
+from fastcoil.base.arguments import checking
 from fastcoil.loops.assignment import checked_value
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.valve_test import FARTHEST, OVERSHOOT
@@ -35,8 +35,8 @@ class ValveTest:
     threshold
         Error at which a ramp ends, K.
     settle, hold
-        Seconds for which the command holds before the first ramp, and after each.  With 900 s to settle the test also
-        tells whether a swing comes from outside the loop.
+        Seconds for which the command holds before the first ramp, and after each.  A loop that hunts takes 300 s or
+        more to settle; with 900 s the test also tells whether a swing comes from outside the loop.
     excursion
         Error at which the test is aborted, K; twice that before the first ramp has ended, since a loop that hunts may
         be anywhere at the start.
@@ -64,24 +64,20 @@ class ValveTest:
     excursion: float = float(PARAMETERS["test_excursion"].default or 0.0)
 
     def __post_init__(self) -> None:
-        problems = []
-        for name, value in self.parameters().items():
-            try:
-                checked_value(PARAMETERS[name], value)
-            except InputError as error:
-                problems += [problem.removeprefix("test_") for problem in error.problems]
-        if problems:
-            raise InputError(problems)
+        with checking() as check:
+            for field in fields(self):
+                known = PARAMETERS[f"test_{field.name}"]
+                check(checked_value, replace(known, name=field.name), getattr(self, field.name))
 
     @classmethod
-    def gentle(cls, **changes: Any) -> ValveTest:
+    def gentle(cls, **options: Any) -> ValveTest:
         """The test that moves the temperature less: 45 minutes, most days within 1 K."""
-        return cls(**{**_GENTLE, **changes})
+        return cls(**{**_GENTLE, **options})
 
     @classmethod
-    def heating(cls, **changes: Any) -> ValveTest:
+    def heating(cls, **options: Any) -> ValveTest:
         """The test of a heating coil, whose temperature answers more: 30 minutes, within 3 K."""
-        return cls(**{**_HEATING, **changes})
+        return cls(**{**_HEATING, **options})
 
     def parameters(self) -> dict[str, float]:
         """The test as parameters of a loop."""
@@ -96,7 +92,7 @@ class ValveTest:
             f"Limits: if T_sup is ever more than {self.excursion:g} K from its set-point, or water, fan or set-point "
             "change, stop: give the valve back to the controller.",
             "1. Note the time, the set-point and the command.  Put the valve in hand at the command that it has.",
-            f"2. Wait {self.settle:g} s.  If T_sup moves by more than 0.3 K in a minute, stop: it is not the valve.",
+            f"2. Wait {self.settle:g} s.  If T_sup then moves by more than 0.3 K in a minute, wait on, or stop.",
             f"3. Change the command by {step:.2g} % of the stroke every {_EACH:g} s, in the direction that brings T_sup"
             " back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
             f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {100 * FARTHEST:.0f} % of the "

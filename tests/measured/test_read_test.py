@@ -1,0 +1,159 @@
+"""``fc.read_test``: the gap, the plant and the cause from the log of a valve test, and what it refuses."""
+
+import numpy as np
+import pytest
+
+import fastcoil as fc
+from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, after_hold
+from fastcoil.measured.measures import NO_SWING, Measures
+from fastcoil.measured.valve_response import stems
+
+pytestmark = pytest.mark.kernel
+START, MINUTES = 5400, 30
+LOOP = {"kp": 0.03, "ti": 60.0, "sample_time": 5, "stroke_time": 90.0, "noise_std": 0.02}
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """Logs of three loops under test, by the size of their gap."""
+    day = fc.Boundary(**{**fc.paper_day(hours=3, seed=3).series, "T_set": 14.0}).isel(0)
+    loop = fc.Loop.preset("lbnl").assign(**LOOP, backlash=[0.0, 0.03, 0.08])
+    test = fc.ValveTest(start=START, minutes=MINUTES)
+    ds = fc.simulate(loop, day, test=test, traces=["command", "T_measured", "test"], trace_interval=5)
+    ds["T_set"] = ("elapsed_time", np.full(ds.sizes["elapsed_time"], 14.0), {"units": "degC"})
+    return {float(size): ds.sel(backlash=size) for size in ds.backlash.values}
+
+
+@pytest.fixture(scope="module")
+def found(logs):
+    return fc.read_test(logs[0.08], stroke_time=90)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.03, 0.08])
+def test_the_gap_is_right_and_its_interval_holds_it(logs, size):
+    r = fc.read_test(logs[size], stroke_time=90)
+    assert r.identified
+    assert r.reason == ""
+    assert abs(r.backlash - size) <= max(0.2 * size, 0.01)
+    assert r.interval[0] <= size <= r.interval[1] < size + 0.03
+    assert float(r.profile.probability.sum()) == pytest.approx(1.0)
+
+
+def test_gain_and_lag_are_those_of_the_plant(found):
+    day = fc.constant_day(hours=1)
+    opening = 0.3
+    loop = fc.Loop.preset("lbnl").assign(backlash=0.0)
+    steps = opening + np.where(np.arange(3600) < 1800, -0.01, 0.01)
+    ds = fc.simulate(loop, day, command=steps, traces=["T_measured"], warm_up=60)
+    T = ds.T_measured.values
+    gain = (T[-1] - T[1799]) / 0.02
+    lag = float(np.trapezoid(T[1800:] - T[-1])) / (T[1799] - T[-1])
+    assert found.gain == pytest.approx(gain, rel=0.5)
+    assert found.lag + found.dead_time == pytest.approx(lag, rel=0.5)
+
+
+def test_a_csv_file_gives_the_same_and_so_does_the_time_of_the_test(logs, found, tmp_path):
+    log = logs[0.08]
+    table = np.stack([log.elapsed_time, log.command, log.T_measured, log.T_set, log.test], axis=1)
+    path = tmp_path / "log.csv"
+    head = "elapsed_time [s],command [1],T_sup [degC],T_set [degC],test"
+    np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.9g")
+    of_file = fc.read_test(path, stroke_time=90)
+    assert (of_file.backlash, of_file.interval) == (found.backlash, found.interval)
+    runs = log.elapsed_time.values[log.test.values > 0]
+    of_times = fc.read_test(log.drop_vars("test"), stroke_time=90, between=(float(runs[0]), float(runs[-1])))
+    assert (of_times.backlash, of_times.interval) == (found.backlash, found.interval)
+
+
+@pytest.mark.parametrize(
+    ("changed", "how", "says"),
+    [
+        (lambda log: log.drop_vars("test"), {}, "no column test"),
+        (lambda log: log.assign(test=0 * log.test), {}, "the log holds no test"),
+        (lambda log: log.isel(elapsed_time=slice(None, None, 6)), {}, "a sample every 30 s: log the test every 5 s"),
+        (lambda log: log, {"between": (6000, 5000)}, "the end is not after the start"),
+        (lambda log: log, {"between": (90000, 91000)}, "the log holds no test"),
+        (lambda log: log, {"between": 5}, "between = 5: give start and end in seconds"),
+        (lambda log: log, {"stroke_time": -1}, "stroke_time = -1"),
+    ],
+)
+def test_a_log_without_a_readable_test_is_refused(logs, changed, how, says):
+    with pytest.raises(fc.InputError, match=says):
+        fc.read_test(changed(logs[0.08]), **how)
+
+
+def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs):
+    log = logs[0.08]
+    early = fc.read_test(log, between=(START, START + 240))
+    assert not early.identified
+    assert "does not turn back" in early.reason
+    holes = log.T_measured.where(np.arange(log.sizes["elapsed_time"]) % 8 != 0)
+    torn = fc.read_test(log.assign(T_measured=holes), drop=True)
+    assert not torn.identified
+    assert "of the temperatures are missing" in torn.reason
+    other = log.assign(T_measured=14.0 + np.sin(log.elapsed_time / 40.0))
+    outside = fc.read_test(other.assign(T_measured=other.T_measured.assign_attrs(units="degC")))
+    assert not outside.identified
+
+
+def test_of_several_tests_the_last_is_read(logs, found):
+    log = logs[0.08]
+    test = log.test.where((log.elapsed_time < 1000) | (log.elapsed_time > 1200), 1.0)
+    r = fc.read_test(log.assign(test=test), stroke_time=90)
+    assert (r.backlash, r.interval) == (found.backlash, found.interval)
+    assert any("the log has 2 tests" in note for note in r.notes)
+
+
+def test_toml_gives_the_gap_to_a_study_only_if_it_is_identified(logs, found, tmp_path):
+    text = found.to_toml(tmp_path / "gap.toml")
+    assert f"[loop]\nbacklash = {found.backlash}" in text
+    (tmp_path / "study.toml").write_text('[loop]\ninclude = ["gap.toml"]\nkp = 0.02\n')
+    from fastcoil.study.file.spec import read_study
+
+    assert read_study(tmp_path / "study.toml").included["backlash"] == found.backlash
+    early = fc.read_test(logs[0.08], between=(START, START + 240))
+    assert "\nbacklash = " not in early.to_toml().partition("[fit]")[0]
+
+
+def test_the_page_shows_temperature_command_and_gap(found):
+    above, middle, below = found.plot().axes
+    assert [axes.get_ylabel() for axes in (above, middle, below)] == [
+        "temperature [°C]", "of the stroke [%]", "probability [%]",
+    ]  # fmt: skip
+    assert "Gap: " in found.plot().get_suptitle()
+
+
+def test_diagnose_takes_the_gap_of_a_test(logs, found):
+    d = fc.diagnose(logs[0.08].drop_vars("test"), stroke_time=90, test=found)
+    assert (d.backlash, d.interval, d.identified) == (found.backlash, found.interval, True)
+    with pytest.raises(fc.InputError, match="test is a str: give what fastcoil.read_test found"):
+        fc.diagnose(logs[0.08], test="gap.toml")
+
+
+def measures(peak_to_peak, period):
+    swing = NO_SWING._replace(period=period, regularity=5.0, share=0.9, peak_to_peak=peak_to_peak, periods=20.0)
+    return Measures(np.ones(1, bool), swing, np.zeros(1), 0.1, {}, "")
+
+
+def test_what_remains_of_a_swing_while_the_command_is_held_tells_where_it_comes_from():
+    swings = measures(1.0, 400.0)
+    assert after_hold(Cause(TUNING, ""), swings, 0.7, 450.0).name == DISTURBANCE
+    assert after_hold(Cause(TUNING, ""), swings, 0.1, 450.0).name == TUNING
+    assert after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 450.0).name == TUNING
+    assert after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 30.0).name == DISTURBANCE
+    calm = swings._replace(swing=NO_SWING)
+    assert after_hold(Cause(NONE, ""), calm, 0.5, 450.0).name == DISTURBANCE
+    assert after_hold(Cause(NONE, ""), calm, 0.1, 450.0).name == NONE
+    assert after_hold(Cause(TUNING, ""), swings, np.nan, 0.0).name == TUNING
+
+
+def test_stems_follow_the_play_operator():
+    positions = 0.5 + 0.3 * np.sin(np.arange(200) / 15.0)
+    gaps = np.array([0.0, 0.05, 0.2])
+    starts = np.maximum(positions[0] - gaps, 0.0)
+    places = stems(positions, gaps, starts)
+    for k, gap in enumerate(gaps):
+        q = starts[k]
+        for position, place in zip(positions, places[:, k], strict=True):
+            q = position if q > position else position - gap if q < position - gap else q
+            assert place == q

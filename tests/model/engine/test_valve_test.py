@@ -1,0 +1,142 @@
+"""The valve test in the loop: what it commands, how it ends, and how the PI goes on."""
+
+import numpy as np
+import pytest
+from reference.valve_test import valve_test
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+START = 5400
+TRACES = ["T_measured", "command", "u", "integral", "test"]
+CALM = {"kp": 0.02, "ti": 120.0, "noise_std": 0.01, "stroke_time": 60.0}
+
+
+@pytest.fixture(scope="module")
+def steady():
+    """Three hours at one set-point."""
+    return fc.Boundary(**{**fc.paper_day(hours=3, seed=3).series, "T_set": 14.0}).isel(0)
+
+
+def under_test(day, test: fc.ValveTest | None = None, **parameters):
+    """A loop under test, with all traces; a record of plain arrays."""
+    test = fc.ValveTest(start=START) if test is None else test
+    loop = fc.Loop.preset("lbnl").assign(**CALM | {"sample_time": 5} | parameters)
+    return fc.simulate(loop, day, test=test, traces=TRACES, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "test"),
+    [
+        ("cooling", {"backlash": 0.08}, {}),
+        ("cooling", {"backlash": 0.0, "sample_time": 30}, {"minutes": 30}),
+        ("cooling", {"backlash": 0.05, "backlash_estimate": 0.04}, {"settle": 200, "hold": 45}),
+        ("cooling", {"backlash": 0.03, "sensor_resolution": 0.05}, {"threshold": 0.1, "rate": 3e-4, "excursion": 0.6}),
+        ("heating", {"backlash": 0.06, "kp": 0.006, "action": "heating"}, {"excursion": 3.0}),
+    ],
+)
+def test_the_command_is_that_of_a_script_on_the_same_temperatures(steady, kind, parameters, test):
+    day = steady
+    if kind == "heating":
+        day = fc.constant_day(hours=3, T_a_in=5.0, T_w_in=45.0, T_set=25.0, relative_humidity=0.3)
+    test = fc.ValveTest(start=START, **test)
+    ds = under_test(day, test, **parameters)
+    sample_time = int(parameters.get("sample_time", 5))
+    at = ds.isel(elapsed_time=slice(None, None, sample_time))
+    first = START // sample_time
+    sign = -1.0 if kind == "heating" else 1.0
+    errors = sign * (at.T_measured.values[first:] - float(day.series["T_set"][0, 0]))
+    before = at.command.values[:first]
+    mean = before[0]
+    for command in before[1:]:
+        mean += sample_time / (600 + sample_time) * (command - mean)
+    held = mean if abs(before[-1] - mean) > 0.05 else before[-1]
+    given = {n.removeprefix("test_"): v for n, v in test.parameters().items() if n != "test_start"}
+    commands, why = valve_test(errors, held, sample_time, **given)
+    np.testing.assert_allclose(at.command.values[first : first + len(commands)], commands, rtol=0, atol=1e-12)
+    runs = at.test.values > 0
+    assert np.flatnonzero(runs).tolist() == list(range(first, first + len(commands)))
+    flags = ds.test_aborted.attrs["flag_meanings"].split()
+    assert flags[int(ds.test_aborted)] == (why or "no")
+    assert len(commands) > 20
+
+
+@pytest.mark.parametrize("compensation", ["inverse", "additive", "smooth"])
+@pytest.mark.parametrize("estimate", [0.0, 0.06])
+def test_the_pi_goes_on_without_a_bump(steady, compensation, estimate):
+    """What it asks of the valve: where it turns at once, its inverse crosses the gap."""
+    ds = under_test(steady, backlash=0.06, backlash_estimate=estimate, compensation=compensation)
+    end = int(np.flatnonzero(ds.test.values)[-1])
+    after = end + 1
+    e = ds.T_measured.values - 14.0
+    kp, ki = CALM["kp"], CALM["kp"] * 5 / CALM["ti"]
+    step = kp * abs(e[after] - e[after - 5]) + ki * abs(e[after])
+    assert abs(ds.u.values[after] - ds.u.values[end]) <= step + 1e-12
+    if estimate == 0.0:
+        assert abs(ds.command.values[after] - ds.command.values[end]) <= step + 1e-12
+
+
+def test_the_set_point_of_the_start_counts(steady):
+    moved = steady.assign(T_set=np.where(np.arange(10800) < START + 300, 14.0, 15.0))
+    one, other = under_test(steady, backlash=0.05), under_test(moved, backlash=0.05)
+    runs = one.test.values > 0
+    np.testing.assert_array_equal(one.command.values[runs], other.command.values[runs])
+    assert not np.array_equal(one.command.values, other.command.values)
+
+
+def flag(ds):
+    return ds.test_aborted.attrs["flag_meanings"].split()[int(ds.test_aborted)]
+
+
+def test_it_ends_where_the_temperature_leaves_its_limits_and_the_pi_goes_on(steady):
+    hot = steady.assign(T_a_in=steady.series["T_a_in"][0] + np.where(np.arange(10800) > START + 400, 6.0, 0.0))
+    ds = under_test(hot, backlash=0.05)
+    end = int(np.flatnonzero(ds.test.values)[-1])
+    assert flag(ds) == "excursion"
+    assert abs(ds.T_measured.values[end + 1] - 14.0) > 1.5 > abs(ds.T_measured.values[end - 4] - 14.0)
+    assert ds.command.values[end + 600] > ds.command.values[end]
+
+
+def test_it_ends_where_water_swings_while_the_command_is_held(steady):
+    swing = steady.series["T_w_in"][0] + 3.0 * np.sin(2 * np.pi * np.arange(10800) / 200)
+    ds = under_test(steady.assign(T_w_in=swing), fc.ValveTest(start=START, excursion=5.0), backlash=0.05)
+    assert flag(ds) == "swing"
+    assert ds.test.values.sum() <= 60
+
+
+def test_it_ends_where_a_shut_valve_leaves_the_air_too_cold(steady):
+    cold = steady.assign(T_a_in=np.where(np.arange(10800) > START - 3000, 13.0, 25.0), W_a_in=0.006)
+    ds = under_test(cold, backlash=0.05)
+    assert flag(ds) == "end_of_stroke"
+
+
+def test_it_ends_where_the_loop_goes_off(steady):
+    off = steady.assign(enabled=np.where((np.arange(10800) > START + 302) & (np.arange(10800) < START + 900), 0.0, 1.0))
+    ds = under_test(off, backlash=0.05)
+    assert flag(ds) == "disabled"
+    assert np.flatnonzero(ds.test.values)[-1] == START + 302
+    assert (ds.command.values[START + 303 : START + 900] == 0.0).all()
+
+
+def test_lanes_without_a_test_keep_their_bits_beside_lanes_with_one(steady):
+    loop = fc.Loop.preset("lbnl").assign(**CALM, sample_time=5, backlash=0.05)
+    alone = fc.simulate(loop, steady, traces=["command"])
+    beside = fc.simulate(loop.assign(test_start=[5400, 1e6]), steady, traces=["command", "test"])
+    np.testing.assert_array_equal(beside.command.sel(test_start=1e6).values, alone.command.values)
+    assert beside.test.sum("elapsed_time").values.tolist() == [1195.0, 0.0]
+    assert (beside.test_aborted == 0).all()
+
+
+def test_a_loop_that_swings_widely_is_held_at_its_mean_and_calms_down(steady):
+    ds = under_test(steady, fc.ValveTest(start=START, settle=300, excursion=3), backlash=0.1, kp=0.06, ti=8.0)
+    before = ds.command.values[START - 600 : START]
+    assert np.ptp(before) > 0.3
+    held = ds.command.values[START]
+    assert abs(held - before.mean()) < 0.1 * np.ptp(before)
+    assert (ds.command.values[START : START + 295] == held).all()
+    assert (
+        np.ptp(ds.T_measured.values[START - 600 : START])
+        > 2.0
+        > np.ptp(ds.T_measured.values[START + 200 : START + 300])
+    )
+    assert flag(ds) == "no"
