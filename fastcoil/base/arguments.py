@@ -192,8 +192,6 @@ def mapping_of(name: str, value: object, cure: str, *, to_text: bool = False) ->
     texts: list[Any] = [text for key, of_key in items for text in ((key, of_key) if to_text else (key,))]
     if not all(isinstance(text, str) for text in texts):
         raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
-    if not all(map(is_text, texts)):
-        raise InputError(f"{name} = {shown(value)}: it has characters that cannot be stored as UTF-8, remove them")
     return cast("Mapping[str, Any]", value)
 
 

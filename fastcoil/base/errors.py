@@ -18,7 +18,7 @@ EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
 _LONGEST = 60  # characters of a value quoted in a message
-_MOST_SENTENCES, _LONGEST_SENTENCE = 20, 2000  # sentences printed in full, the rest are counted; characters of each
+_MOST_SENTENCES = 20  # sentences printed in full, the rest are counted
 
 
 class FastcoilError(Exception):
@@ -34,17 +34,10 @@ class FastcoilError(Exception):
         sentences = self._sentences()
         more = len(sentences) - _MOST_SENTENCES
         cut = [f"… and {more:,} more {self._noun}{'s' if more > 1 else ''}"] if more > 0 else []
-        return "\n".join([*map(_abridged, sentences[:_MOST_SENTENCES]), *cut])
+        return "\n".join([*map(printable, sentences[:_MOST_SENTENCES]), *cut])
 
     def _sentences(self) -> list[str]:
         return str(self.args[0]).split("\n") if self.args else []
-
-
-def _abridged(sentence: str) -> str:
-    text = printable(sentence[:_LONGEST_SENTENCE])
-    if len(sentence) <= _LONGEST_SENTENCE and len(text) <= _LONGEST_SENTENCE:
-        return text
-    return f"{text[:_LONGEST_SENTENCE]}… ({len(sentence):,} characters)"
 
 
 class WrongType(str):

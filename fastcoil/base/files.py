@@ -21,7 +21,6 @@ UNFINISHED = ".tmp"
 _CHUNK = 1 << 20  # bytes read at once
 _LOOKS = ("read", "found", "read by another process")  # operations that need no space on the disk
 _PROBE = 1 << 20  # bytes written to find out whether the disk is full
-_LONGEST_NAME = 255  # bytes
 _LONGEST_OF_OURS = 200  # bytes of a name made by ``file_name``
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 """Begins ``s3://bucket`` and ``https://host``, also as a `Path`, which drops one of the slashes; no drive letter."""
@@ -117,18 +116,12 @@ def require_usable(path: Path, cure: str) -> None:
     """Raise an `InputError` for a path that no local file can have: an address, a NUL, a name too long, a loop."""
     if _ADDRESS.match(str(path)):
         raise InputError(f"{shown(str(path))} is an address, and fastcoil reads and writes local files: {cure}")
-    reason = ""
     try:
-        if max(map(len, os.fsencode(path).split(b"/"))) > _LONGEST_NAME:
-            reason = os.strerror(errno.ENAMETOOLONG)  # also in a folder that does not exist yet
         path.stat()
-    except ValueError as error:  # NUL, or a surrogate that no encoding has
-        reason = str(error)
-    except OSError as error:
-        if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
-            reason = os.strerror(error.errno)
-    if reason:
-        raise InputError(f"{shown(str(path))} is not a usable path ({reason}): {cure}")
+    except (OSError, ValueError) as error:  # ValueError: a NUL, or a surrogate that no encoding has
+        if isinstance(error, ValueError) or error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"{shown(str(path))} is not a usable path ({reason}): {cure}") from None
 
 
 def _require_regular(found: os.stat_result) -> None:

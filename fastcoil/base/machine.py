@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,10 +58,6 @@ def _of_groups() -> Iterator[int]:
 
 
 def _of_process() -> Iterator[int]:
-    try:
-        import resource
-    except ImportError:  # not a Unix
-        return
     used = _fields(PROC / "self" / "status")
     for name, size in (("RLIMIT_AS", "VmSize:"), ("RLIMIT_DATA", "VmData:")):
         limit, _ = resource.getrlimit(getattr(resource, name))

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 _LARGEST = 2**30  # bytes
-_MOST_CELLS, _MOST_COLUMNS = 100_000_000, 10_000
+_MOST_CELLS = 100_000_000
 """As a table of text, more cells would fill the memory; no building logs so many points in one file."""
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _SAMPLE = 200  # rows from the start of a file among which the header is
@@ -70,8 +70,6 @@ def _numbered_rows(path: Path, text: str, separator: str) -> Numbered:
     numbered: Numbered = []
     n_cells = 0
     for i, row in enumerate(_rows(text, separator), start=1):
-        if len(row) > _MOST_COLUMNS:
-            raise InputError(f"{path}: row {i} has {len(row):,} cells: give at most {_MOST_COLUMNS:,} columns")
         n_cells += len(row)
         if n_cells > _MOST_CELLS:
             raise InputError(f"{path} has more than {_MOST_CELLS:,} cells: leave out columns, or cut it into parts")

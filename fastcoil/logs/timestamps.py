@@ -8,8 +8,8 @@ time of day may have a column each.
 import re
 import zoneinfo
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta, timezone
-from typing import Any, NamedTuple
+from datetime import datetime, timedelta, timezone, tzinfo
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -58,6 +58,12 @@ class Stamps(NamedTuple):
 def offset_text(minutes: int) -> str:
     """An offset from UTC as the name of a time zone: ``UTC-08:00``."""
     return f"UTC{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}" if minutes else "UTC"
+
+
+def zone_named(name: str) -> tzinfo:
+    """The time zone of a name: ``America/New_York``, or as of `offset_text`."""
+    offset = re.fullmatch(r"UTC([+-][0-9:]{5})", name)
+    return cast(tzinfo, datetime.strptime(offset[1], "%z").tzinfo) if offset else zoneinfo.ZoneInfo(name)
 
 
 def time_format_of(name: str, value: Any) -> str:
@@ -195,8 +201,7 @@ _OF_SEVERAL_PLACES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
 
 def in_zone(stamps: Stamps, time_zone: str) -> Stamps:
     """Times of a local clock as absolute ones, given its zone: ``America/New_York`` or ``UTC-05:00``."""
-    offset_alone = re.fullmatch(r"UTC([+-][0-9:]{5})", time_zone)
-    zone = datetime.strptime(offset_alone[1], "%z").tzinfo if offset_alone else zoneinfo.ZoneInfo(time_zone)
+    zone = zone_named(time_zone)
     there = [time.replace(tzinfo=zone) for time in stamps.microseconds.astype(MICROSECONDS).tolist()]
     offsets = np.array([(time.utcoffset() or timedelta()) // timedelta(microseconds=1) for time in there])
     offset = int(offsets[np.argmax(stamps.good)])

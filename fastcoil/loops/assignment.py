@@ -159,30 +159,25 @@ def table_of(rules: Mapping[str, Rule]) -> Mapping[str, Parameter]:
 
 def without_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
     """The value of ``estimator`` or ``law`` with words in place of rules, and these rules."""
-    if isinstance(value, Rule):
-        if value.kind != name:
-            raise InputError(f"{name}: {value.name} is made with @fc.{value.kind}: give {value.kind} = {value.name}")
-        return value.name, [value]
-    if inspect.isfunction(value):
-        raise InputError(
-            WrongType(f"{name}: {value.__name__} is a plain function: put @fc.{name}(Parameters, Memory) before it")
-        )
-    if isinstance(value, (list, tuple)):
-        deep = isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], (list, tuple, np.ndarray))
-        parts = [
-            without_rules(name, each) if deep or isinstance(each, Rule) or inspect.isfunction(each) else (each, [])
-            for each in value
-        ]
-        rules = [rule for _, found in parts for rule in found]
-        words = [word for word, _ in parts]
-        return (tuple(words) if isinstance(value, tuple) else words) if rules else value, rules
+    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], (list, tuple, np.ndarray)):
+        words, rules = without_rules(name, value[1])
+        return (value[0], words), rules
     array = value.values if isinstance(value, xr.DataArray) else value
     if isinstance(array, np.ndarray) and array.dtype.kind == "O":
         words, rules = without_rules(name, array.ravel().tolist())
-        if rules:
-            named = np.array(words).reshape(array.shape)
-            return (value.copy(data=named) if isinstance(value, xr.DataArray) else named), rules
-    return value, []
+        named = np.array(words).reshape(array.shape) if rules else array
+        return (value.copy(data=named) if isinstance(value, xr.DataArray) else named), rules
+    several = value if isinstance(value, (list, tuple)) else [value]
+    rules = [each for each in several if isinstance(each, Rule)]
+    for rule in rules:
+        if rule.kind != name:
+            raise InputError(f"{name}: {rule.name} is made with @fc.{rule.kind}: give {rule.kind} = {rule.name}")
+    for function in filter(inspect.isfunction, several):
+        raise InputError(
+            WrongType(f"{name}: {function.__name__} is a plain function: put @fc.{name}(Parameters, Memory) before it")
+        )
+    words = [each.name if isinstance(each, Rule) else each for each in several]
+    return (words if several is value else words[0]) if rules else value, rules
 
 
 def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:

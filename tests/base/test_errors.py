@@ -89,7 +89,5 @@ def test_the_text_of_an_error_is_printable_and_cut_and_the_error_has_all_of_it()
     assert len(error.problems) == 30_000
     assert error.problems[0] in error.args[0]
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
-    assert str(fc.InputError("\x07" * 10_000)).endswith("… (10,000 characters)")
-    assert len(str(fc.InputError("\x07" * 10_000))) < 3000
     assert str(fc.IntegrityError("one\x1b\ntwo")) == "one\\x1b\ntwo"
     assert str(fc.StorageError("full\x1b")) == "full\\x1b"

@@ -45,11 +45,6 @@ def test_a_number_that_overflows_in_our_unit_is_refused(write):
     assert "elapsed_time = 1e+306 h in row 2: must be from" in only_problem(fc.Boundary.from_csv, path, **UNIT)
 
 
-def test_too_many_columns_are_refused(write):
-    path = write([f"c{k}" for k in range(10_001)], [range(10_001)] * 2)
-    assert only_problem(fc.Boundary.from_csv, path) == f"{path}: row 1 has 10,001 cells: give at most 10,000 columns"
-
-
 def test_too_many_cells_are_refused_while_they_are_read(write, monkeypatch):
     monkeypatch.setattr(layout, "_MOST_CELLS", 100)
     path = write(HEADER, [[60 * k, *ROW] for k in range(100)])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arguments import text_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.logs.timestamps import offset_text
+from fastcoil.logs.timestamps import offset_text, zone_named
 from fastcoil.loops.labelled import Course, as_labelled, differing
 
 Times: TypeAlias = NDArray[np.datetime64]
@@ -21,8 +21,7 @@ YEARS = (1700, 2200)
 """Every file of results can hold the dates between."""
 _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
 _ZONE_CURE = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
-_OFFSET = re.compile(r"UTC(?:([+-])(\d{2}):(\d{2}))?", re.ASCII)
-_NAME = re.compile(r"[A-Za-z_]+(?:/[A-Za-z0-9_+-]+)*", re.ASCII)
+_OFFSET = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
 
 
 _NOTHING = Course()
@@ -88,41 +87,22 @@ def _to_seconds(times: Any) -> Times:
 def time_zone_of(name: str, value: Any) -> str:
     """The name of a time zone or an offset from UTC; blank if it is None or blank."""
     text = "" if value is None else text_of(name, value).strip()
-    if not text or text == "UTC" or (_OFFSET.fullmatch(text) and offset_of(text, datetime(2000, 1, 1)) is not None):
-        return text
     known = zoneinfo.available_timezones()
-    if text in known or (not known and _NAME.fullmatch(text)):  # some machines have no list of zones
+    if not text or text in known or _OFFSET.fullmatch(text):
         return text
     raise InputError(f"{name} = {shown(text)}{nearest(text, known)}: {_ZONE_CURE}")
 
 
-def offset_of(time_zone: str, at: datetime) -> timedelta | None:
-    """How far a clock of the zone is ahead of UTC ``at`` a local time; None if unknown."""
-    if match := _OFFSET.fullmatch(time_zone):
-        sign, hours, minutes = match.groups(default="0")
-        offset = timedelta(hours=int(hours), minutes=int(minutes))
-        return None if offset > timedelta(hours=15) else -offset if sign == "-" else offset
-    try:
-        return at.replace(tzinfo=zoneinfo.ZoneInfo(time_zone)).utcoffset() if time_zone else None
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError):
-        return None
-
-
 def _is_skipped(local: datetime, time_zone: str) -> bool:
     """Whether clocks of the zone never show a local time."""
-    if _OFFSET.fullmatch(time_zone) or offset_of(time_zone, local) is None:
-        return False
-    zone = zoneinfo.ZoneInfo(time_zone)
+    zone = zone_named(time_zone or "UTC")
     return local.replace(tzinfo=zone).astimezone(UTC).astimezone(zone).replace(tzinfo=None) != local
 
 
 def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
     """Whether clocks of the zone are changed within ``n_steps`` s of ``start``, or may show it twice."""
     first = cast(datetime, start.astype(SECONDS).item())
-    try:
-        zone = zoneinfo.ZoneInfo("UTC" if _OFFSET.fullmatch(time_zone or "UTC") else time_zone)
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError):
-        return False
+    zone = zone_named(time_zone or "UTC")
     there = first.replace(tzinfo=zone)
     last = (there.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
     return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
@@ -152,7 +132,7 @@ def _zone_of(times: list[datetime], zone: str) -> str:
     if None in offsets:
         raise InputError("start: some times have a UTC offset and some have none: write all alike")
     for time in times if zone else []:
-        if offset_of(zone, time.replace(tzinfo=None)) not in (None, time.utcoffset()):
+        if time.replace(tzinfo=zone_named(zone)).utcoffset() != time.utcoffset():
             raise InputError(
                 f"start = {shown(str(time))} has another UTC offset than {zone} at that time: give local times"
             )
