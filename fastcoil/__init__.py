@@ -8,51 +8,7 @@ from __future__ import annotations
 import os
 import threading
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from fastcoil.deliver import figures as plot
-
-    __version__: str
-    from fastcoil.base.errors import FastcoilError as FastcoilError
-    from fastcoil.base.errors import InputError as InputError
-    from fastcoil.base.errors import InputTypeError as InputTypeError
-    from fastcoil.base.errors import IntegrityError as IntegrityError
-    from fastcoil.base.errors import LockedError as LockedError
-    from fastcoil.base.errors import StorageError as StorageError
-    from fastcoil.deliver.export.export import export_controller as export_controller
-    from fastcoil.deliver.report.report import report as report
-    from fastcoil.deliver.report.survey import survey as survey
-    from fastcoil.design.explain import explain as explain
-    from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
-    from fastcoil.design.linearise import linearise as linearise
-    from fastcoil.design.nyquist_figure import nyquist as nyquist
-    from fastcoil.design.tune import tune as tune
-    from fastcoil.loops.boundary import Boundary as Boundary
-    from fastcoil.loops.boundary.days import constant_day as constant_day
-    from fastcoil.loops.boundary.days import design_day as design_day
-    from fastcoil.loops.boundary.days import heating_day as heating_day
-    from fastcoil.loops.boundary.days import paper_day as paper_day
-    from fastcoil.loops.boundary.weather import weather_day as weather_day
-    from fastcoil.loops.boundary.weather_year import weather_year as weather_year
-    from fastcoil.loops.loop import Loop as Loop
-    from fastcoil.loops.presets import presets as presets
-    from fastcoil.loops.simulate import simulate as simulate
-    from fastcoil.loops.valve_test import ValveTest as ValveTest
-    from fastcoil.measured.diagnose import diagnose as diagnose
-    from fastcoil.measured.fit_coil import fit_coil as fit_coil
-    from fastcoil.measured.fit_loop import fit_loop as fit_loop
-    from fastcoil.measured.fit_valve import fit_valve as fit_valve
-    from fastcoil.measured.read_test import read_test as read_test
-    from fastcoil.measured.replay import replay as replay
-    from fastcoil.model.user_rules import estimator as estimator
-    from fastcoil.model.user_rules import law as law
-    from fastcoil.model.user_rules import parameter as parameter
-    from fastcoil.study.analysis.compare import compare as compare
-    from fastcoil.study.analysis.cost import cost as cost
-    from fastcoil.study.analysis.sobol import sobol_indices as sobol_indices
-    from fastcoil.study.folder.results import open_study as open_study
-    from fastcoil.study.run import run_study as run_study
+from typing import Any
 
 _HOME = {
     "Boundary": "loops.boundary",

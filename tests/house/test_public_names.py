@@ -1,7 +1,9 @@
 """The names of ``fastcoil`` itself."""
 
+import ast
 import subprocess
 import sys
+from pathlib import Path
 
 import fastcoil as fc
 from fastcoil.base.machine import VERSION
@@ -49,3 +51,14 @@ sys.exit(os.waitpid(child, 0)[1])
 def test_a_child_of_a_fork_can_load_what_another_thread_was_loading():
     ended = subprocess.run([sys.executable, "-W", "ignore", "-c", LOADING], check=False, timeout=60)
     assert ended.returncode == 0
+
+
+def test_the_stub_for_type_checkers_has_the_public_names_from_where_they_are_loaded():
+    stub = ast.parse(Path(fc.__file__).with_suffix(".pyi").read_text())
+    imported = {
+        (one.asname or one.name): n.module for n in stub.body if isinstance(n, ast.ImportFrom) for one in n.names
+    }
+    homes = {name: f"fastcoil.{home}" for name, home in fc._HOME.items()}
+    assert {name: module for name, module in imported.items() if name in homes} == homes
+    assert set(fc.__all__) - homes.keys() == {"__version__", "parameters", "plot"}
+    assert imported.keys() - homes.keys() == {"Parameter", "figures"}

@@ -5,6 +5,7 @@ import inspect
 import json
 import pickle
 import typing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from helpers.refusals import assert_only_problem
 from helpers.rules import by_error
 
 import fastcoil as fc
+from fastcoil.loops import keywords
 from fastcoil.loops.assignment import WORD
-from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, Value
+from fastcoil.loops.keywords import UNCHANGED
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
 
@@ -230,12 +232,14 @@ def test_no_parameter_hides_behind_a_method_of_the_loop():
 
 
 def test_keywords_for_type_checkers_are_those_of_the_table_with_its_words():
-    assert typing.get_args(PresetName) == tuple(fc.presets())
-    hints = typing.get_type_hints(Keywords)
-    assert list(hints) == [WORD, *PARAMETERS]
+    stub = {"__name__": "stub"}
+    exec(Path(keywords.__file__).with_suffix(".pyi").read_text(), stub)
+    assert typing.get_args(stub["PresetName"]) == tuple(fc.presets())
+    hints = typing.get_type_hints(stub["Keywords"])
+    assert list(hints) == [WORD, *PARAMETERS] == list(typing.get_type_hints(keywords.Keywords))
     for name, p in PARAMETERS.items():
         words = {typing.Literal[p.choices]} if p.is_word else set()
-        assert set(typing.get_args(hints[name])) == {*typing.get_args(Value), *words}, name
+        assert set(typing.get_args(hints[name])) == {*typing.get_args(stub["Value"]), *words}, name
 
 
 CHECKED = """
