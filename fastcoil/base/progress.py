@@ -41,7 +41,7 @@ class Shown(AbstractContextManager["Shown"]):
     text, some seconds apart; with ``closing`` also a last one.
     """
 
-    def __init__(self, *, silent: bool, patience: float, closing: bool) -> None:
+    def __init__(self, *, silent: bool = False, patience: float = PATIENCE, closing: bool = False) -> None:
         self.silent, self._patience, self._closing = silent, patience, closing
         self._lock = threading.RLock()
         self._timer: threading.Timer | None = None
@@ -143,11 +143,6 @@ def progress_of_call(progress: bool | None) -> Shown:
     """Progress of a Python call; with None only on a terminal, after 2 s."""
     silent = progress is False or (progress is None and not (is_terminal() and _is_interactive()))
     return Shown(silent=silent, patience=0.0 if progress else PATIENCE, closing=True)
-
-
-def progress_of_command() -> Shown:
-    """Progress of a command on stderr."""
-    return Shown(silent=False, patience=PATIENCE, closing=False)
 
 
 def _is_interactive() -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from fastcoil.base.errors import InputError, nearest
-from fastcoil.base.files import file_name, is_folder, make_folder, storage_errors
+from fastcoil.base.files import file_name, is_folder
 from fastcoil.cli.arguments import PATH, all_labels_of
 from fastcoil.cli.terminal import say
 
@@ -82,7 +82,6 @@ def plot(
     options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
     if target is None:
         with store.hold():
-            _make_figures_folder(folder / FIGURES)
             paths = write(figures, folder / FIGURES, **options)
     elif target.suffix and not is_folder(target):
         first, *others = figures
@@ -173,11 +172,5 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     there = {path.name for path in current_figures(folder, drawn_from)}
     for name, draw in plots.standard_figures(ds).items():
         if f"{name}.png" not in there:
-            _make_figures_folder(folder / FIGURES)
             write({name: draw()}, folder / FIGURES, drawn_from=drawn_from)
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
-
-
-def _make_figures_folder(path: Path) -> None:
-    with storage_errors(path, "made"):
-        make_folder(path)

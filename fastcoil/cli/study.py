@@ -39,7 +39,7 @@ def run(
 
     An interrupted study is resumed; a finished one is not run again.
     """
-    from fastcoil.base.progress import progress_of_command
+    from fastcoil.base.progress import Shown
     from fastcoil.model.metric_table import STATUS_OK
     from fastcoil.study.analysis.summary import summary
     from fastcoil.study.file.spec import read_study
@@ -65,7 +65,7 @@ def run(
             for path in draw_standard_figures(folder, finished.results):
                 say(f"Figure:  {path}")
 
-    with interruptible(study, folder), progress_of_command() as shown:
+    with interruptible(study, folder), Shown() as shown:
         finished = execute(
             asked, folder, n_jobs=jobs, backend=backend, scheduler=scheduler, extend=extend, progress=progress,
             present=present,

@@ -102,7 +102,7 @@ class Diagnosis(Result):
         hours = self.signals.attrs["hours"]
         lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
         lines += [self.headline, *_controller(self), *filter(None, [self.advice.reason])]
-        lines += [*_predicted(self, ("as_found", "simc")), _gap(self), _hunting(self)]
+        lines += [*_predicted(self, ("as_found", "simc")), gap_in_words(self), _hunting(self)]
         if self.identified and self.backlash > GOOD:
             lines += _predicted(self, ("no_gap", "half_gap", "inverse"))
         return lines + [f"Note: {note}" for note in self.notes]
@@ -179,7 +179,8 @@ def _controller(d: Diagnosis) -> list[str]:
     return [] if np.isnan(kp) else [f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"]
 
 
-def _gap(d: Diagnosis) -> str:
+def gap_in_words(d: Any) -> str:
+    """The gap and its interval, or why it is not identified."""
     low, high = (100 * bound for bound in d.interval)
     within = f"{100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
     if d.identified:
@@ -258,9 +259,9 @@ def _page(d: Diagnosis) -> Figure:
     temperature = fig.add_subplot(grid[1, :])
     seen = d.signals.isel(elapsed_time=_telling(d.signals))
     _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), seen)
-    _draw_profile(fig.add_subplot(grid[3, 0]), d)
+    draw_profile(fig.add_subplot(grid[3, 0]), d)
     _draw_predictions(fig.add_subplot(grid[3, 1]), d)
-    headline = [*d.summary()[:2], _gap(d), _hunting(d), *filter(None, [d.advice.reason])]
+    headline = [*d.summary()[:2], gap_in_words(d), _hunting(d), *filter(None, [d.advice.reason])]
     fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
     return fig
 
@@ -309,7 +310,8 @@ def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
     below.margins(x=0.01)
 
 
-def _draw_profile(axes: Axes, d: Diagnosis) -> None:
+def draw_profile(axes: Axes, d: Any) -> None:
+    """Draw the probability of each size."""
     sizes, probability = 100 * d.profile["backlash"].values, 100 * d.profile["probability"].values
     low, high = d.interval
     axes.axvspan(100 * low, 100 * high, color=FAINT, lw=0, label="95 % interval")

@@ -14,7 +14,6 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.logs.series import COLUMNS
 from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of
 from fastcoil.measured.diagnose import as_measured, identified, seconds_of
 from fastcoil.measured.fitted_loop import fit_loop_model
@@ -200,10 +199,10 @@ def _signals(grid: Grid, command: Array, answer: Response, first: int, last: int
     rows = np.arange(window.start, command.size)
     model = np.full(rows.size, np.nan)
     model[first - window.start :] = answer.model + grid.values["T_sup"][first]
-    series = {"T_sup": grid.values["T_sup"][window], "command": command[window], "stem": answer.stem, "model": model}
-    ds = xr.Dataset(
-        {name: ("elapsed_time", values, {"units": COLUMNS["T_sup" if name == "model" else name].unit
-                if name in ("T_sup", "model", "command") else "1"}) for name, values in series.items()},
+    series = {"T_sup": grid.values["T_sup"][window], "command": command[window], "stem": answer.stem, "model": model,
+              "test": ((rows >= first) & (rows < last)).astype(float)}  # fmt: skip
+    units = {"T_sup": "degC", "model": "degC"}
+    return xr.Dataset(
+        {name: ("elapsed_time", values, {"units": units.get(name, "1")}) for name, values in series.items()},
         {"elapsed_time": ("elapsed_time", grid.time[window], {"units": "s"})},
-    )  # fmt: skip
-    return ds.assign(test=("elapsed_time", ((rows >= first) & (rows < last)).astype(float)))
+    )

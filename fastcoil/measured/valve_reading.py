@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import xarray as xr
 
 from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.base.results import Result, as_toml, toml_table
-from fastcoil.measured.identify import GOOD
+from fastcoil.measured.diagnosis import draw_profile, gap_in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,11 +70,7 @@ class ValveReading(Result):
 
     def summary(self) -> list[str]:
         """The reading in words, line by line."""
-        low, high = (100 * bound for bound in self.interval)
-        within = f"{100 * self.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
-        gap = "Gap: none to speak of, " if self.backlash <= GOOD else "Gap: "
-        lines = [f"{self.source}: a valve test of {self.minutes:.0f} min"]
-        lines.append(gap + within if self.identified else f"Gap: not identified, most probable {within}: {self.reason}")
+        lines = [f"{self.source}: a valve test of {self.minutes:.0f} min", gap_in_words(self)]
         lines.append(
             f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s; "
             f"the temperature moved by {self.held_swing:.2g} K while the command was held"
@@ -124,14 +119,11 @@ def _page(r: ValveReading) -> Figure:
     above.set(ylabel="temperature [°C]")
     above.tick_params(labelbottom=False)
     middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
-    sizes, probability = 100 * r.profile["backlash"].values, 100 * r.profile["probability"].values
-    below.axvspan(100 * r.interval[0], 100 * r.interval[1], color=FAINT, lw=0)
-    below.bar(sizes, probability, width=0.8 * (sizes[1] - sizes[0]), color=BLUE if r.identified else GREY)
-    below.set(xlabel="backlash [% of stroke]", ylabel="probability [%]")
-    below.set_xlim(-0.5, max(100 * r.interval[1], 8.0) * 1.15)
-    fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in _headline(r)), x=0.01, ha="left", fontsize=9)
+    draw_profile(below, r)
+    fig.suptitle(
+        "\n".join(wrapped(line, _SIZE[0], 9) for line in r.summary() if not line.startswith("Note: ")),
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
     return fig
-
-
-def _headline(r: ValveReading) -> Sequence[str]:
-    return [line for line in r.summary() if not line.startswith("Note: ")]

@@ -11,7 +11,7 @@ import pytest
 from helpers.processes import wait_for
 
 from fastcoil.base import progress as shown
-from fastcoil.base.progress import progress_of_call, progress_of_command
+from fastcoil.base.progress import Shown, progress_of_call
 
 
 class Terminal(io.StringIO):
@@ -52,14 +52,14 @@ def clock(monkeypatch):
 
 def test_work_done_at_once_shows_nothing(look):
     terminal = look()
-    for context in (progress_of_call(None), progress_of_command()):
+    for context in (progress_of_call(None), Shown()):
         with context as progress:
             progress.start(3)(3)
     assert terminal.getvalue() == ""
     assert shown.PATIENCE == 2.0
 
 
-@pytest.mark.parametrize("start", [lambda: progress_of_call(None), progress_of_command])
+@pytest.mark.parametrize("start", [lambda: progress_of_call(None), Shown])
 def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(look, soon, start):
     terminal = look()
     with start() as progress:

@@ -6,6 +6,7 @@ where it is called, for functions of that edition see no state but their own, an
 """
 
 import ast
+from pathlib import Path
 from textwrap import wrap
 from typing import ClassVar
 
@@ -88,29 +89,8 @@ class InC(Printer):
 
 OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate")
 """What the block shows of its state."""
-_MISSING = {
-    "math.floor": """(* Largest whole number up to x, between -2E9 and 2E9. *)
-FUNCTION {0} : LREAL
-VAR_INPUT
-    x : LREAL;
-END_VAR
-VAR
-    found : LREAL;
-END_VAR
-found := DINT_TO_LREAL(TRUNC(x));
-IF found > x THEN
-    found := found - 1.0;
-END_IF;
-{0} := found;
-END_FUNCTION""",
-    "math.tanh": """(* Hyperbolic tangent. *)
-FUNCTION {0} : LREAL
-VAR_INPUT
-    x : LREAL;
-END_VAR
-{0} := 1.0 - 2.0 / (EXP(2.0 * MAX(MIN(x, 20.0), -20.0)) + 1.0);
-END_FUNCTION""",
-}
+_TEXTS = (Path(__file__).parent / "laws" / "functions.st").read_text(encoding="utf-8").strip().split("\n\n")
+_MISSING = dict(zip(("math.floor", "math.tanh"), _TEXTS, strict=True))
 """Functions that the standard lacks."""
 _STEP = "    "
 
