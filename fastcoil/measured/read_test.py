@@ -11,7 +11,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, number_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of
@@ -112,7 +112,7 @@ def read_test(
 def _between_of(name: str, value: Any) -> tuple[float, float]:
     cure = "give start and end in seconds from the start of the log, such as (5400, 6600)"
     if not isinstance(value, (tuple, list)) or len(value) != 2:
-        raise InputError(f"{name} = {shown(value)}: {cure}")
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     start, end = (number_of(name, one, cure, least=0.0, most=1e9) for one in value)
     if end <= start:
         raise InputError(f"{name} = {shown(value)}: the end is not after the start, {cure}")

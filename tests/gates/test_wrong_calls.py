@@ -57,8 +57,6 @@ HOSTILE = {
 """Wrong values that users pass by mistake: of another type, size, unit or shape."""
 NEVER_RIGHT = ("object", "module")
 """Values that no argument accepts."""
-PASSED_ON = ("ValveTest.gentle", "ValveTest.heating")
-"""Methods that hand all their arguments to a function that is attacked itself."""
 _WEATHER = ["hour_of_year", "month", "day", "hour", "T_drybulb_C", "T_dewpoint_C"]
 
 
@@ -76,7 +74,7 @@ def public_calls():
     for cls in (Fit, Diagnosis, Tuning, ValveReading):
         found |= _methods(cls.__name__, cls)
     found |= {f"plot.{name}": getattr(fc.plot, name) for name in fc.plot.__all__}
-    return {name: call for name, call in found.items() if parameters(call) and name not in PASSED_ON}
+    return {name: call for name, call in found.items() if parameters(call)}
 
 
 def _methods(name, cls):

@@ -1,0 +1,113 @@
+"""One sample of the valve test after another, on made-up errors: the script's commands, its limits, its ends."""
+
+import itertools
+
+import numpy as np
+import pytest
+from reference.valve_test import valve_test as script
+
+import fastcoil as fc
+from fastcoil.model import valve_test
+from fastcoil.model.metric_table import TEST_ABORTED
+from fastcoil.model.valve_test import FASTEST, OFF, SLOWEST, Memory
+
+GIVEN = {name.removeprefix("test_"): value for name, value in fc.ValveTest().parameters().items()}
+del GIVEN["start"]
+
+
+def run(errors, command=0.5, sample_time=5.0, **changes):
+    """(Commands, memories after them, why it ended) on given errors; equal to those of the script."""
+    given = GIVEN | changes
+    p = valve_test.Parameters(sample_time, *(given[n.removeprefix("test_")] for n in valve_test.Parameters._fields[1:]))
+    memory, first, commands, memories = valve_test.begin(14.0, p, Memory()), command, [], []
+    for e in errors:
+        command, memory = valve_test.step(e, command, True, p, memory)
+        if memory.phase == OFF:
+            break
+        commands.append(command)
+        memories.append(memory)
+    expected, why = script(errors, first, sample_time, **given)
+    np.testing.assert_allclose(commands, expected, rtol=0.0, atol=1e-12)
+    assert TEST_ABORTED[int(memory.aborted)] == (why if why in TEST_ABORTED else "no")
+    return commands, memories, why
+
+
+def wander(seed, n, size):
+    """Errors that go to and fro."""
+    rng, e = np.random.default_rng(seed), [0.0]
+    for _ in range(n):
+        e.append(0.97 * e[-1] + rng.normal(0.0, size))
+    return e
+
+
+@pytest.mark.parametrize("sample_time", [5.0, 10.0, 30.0])
+@pytest.mark.parametrize("size", [0.02, 0.06, 0.15])
+def test_the_commands_are_those_of_the_script_on_errors_that_wander(size, sample_time):
+    reasons = set()
+    for seed in range(25):
+        more = {"settle": 120.0, "hold": 60.0 * (1 + seed % 2), "threshold": (0.1, 0.3)[seed % 3 // 2]}
+        errors = wander(seed, int(1200 / sample_time), size * (sample_time / 5.0) ** 0.5)
+        reasons.add(run(errors, (0.5, 0.03, 0.98)[seed % 3], sample_time, **more)[-1])
+    assert "" in reasons if size < 0.1 else reasons >= {"swing", "end_of_stroke"}
+
+
+def test_ramps_have_between_a_fifth_and_four_times_the_given_rate():
+    """Errors that answer the command by much or little: the next ramp is slower or faster, but never more than that."""
+    rates = set()
+    for gain, seed in itertools.product((0.2, 1.0, 5.0), range(8)):
+        errors = [gain * e for e in wander(seed, 500, 0.1)]
+        commands, memories, _ = run(errors, minutes=40, excursion=50.0, settle=0.0, hold=30.0)
+        moves = np.abs(np.diff(commands))
+        ends = (np.array(commands[1:]) == 0.0) | (np.array(commands[1:]) == 1.0)
+        assert (moves <= FASTEST * GIVEN["rate"] * 5.0 + 1e-12).all()
+        assert (moves[(moves > 0.0) & ~ends] >= SLOWEST * GIVEN["rate"] * 5.0 - 1e-12).all()
+        rates |= {memory.ramp for memory in memories}
+    assert min(rates) == pytest.approx(SLOWEST * GIVEN["rate"])
+    assert max(rates) == pytest.approx(FASTEST * GIVEN["rate"])
+
+
+@pytest.mark.parametrize(("ran_on", "share"), [(0.5, 1.0), (1.0, 0.5), (0.1, 2.0), (-0.2, 2.0), (9.0, 0.2)])
+def test_the_next_ramp_has_the_rate_at_which_the_temperature_runs_on_by_half_a_kelvin(ran_on, share):
+    p = valve_test.Parameters(5.0, **{f"test_{name}": value for name, value in GIVEN.items()})
+    assert valve_test.next_rate(GIVEN["rate"], ran_on, p) == pytest.approx(share * GIVEN["rate"])
+
+
+CALM = [0.1] * 12
+ENDS = {
+    "excursion": ([*CALM, *[0.2] * 10, *[-0.5] * 5, -1.51], 0.5),
+    "end_of_stroke": ([0.2] * 60, 0.95),
+    "swing": ([0.2, -0.11] * 20, 0.5),
+}
+
+
+@pytest.mark.parametrize("reason", ENDS)
+def test_a_test_is_aborted(reason):
+    assert run(*ENDS[reason])[-1] == reason
+
+
+def test_an_end_of_the_stroke_that_brings_the_temperature_back_turns_the_ramp():
+    commands, _, why = run([*CALM, *[0.2] * 5, *[-0.1] * 60], command=0.98)
+    assert why == "no more errors"
+    assert commands[-1] < 1.0 == max(commands)
+
+
+def test_before_the_first_ramp_has_ended_the_error_may_be_twice_as_large():
+    assert run([*CALM, *[2.99] * 5])[-1] == "no more errors"
+    assert run([*CALM, *[3.01] * 5])[-1] == "excursion"
+
+
+@pytest.mark.kernel
+def test_a_study_sweeps_the_test(tmp_path):
+    path = tmp_path / "tests.toml"
+    path.write_text(
+        '[loop]\npreset = "lbnl"\nsample_time = 5\nkp = 0.06\nti = 60\ntest_minutes = 10\n'
+        "[sweep]\ntest_start = [1900, 2400]\ntest_rate = [3e-4, 1e-3]\n"
+        '[boundary]\nkind = "constant_day"\nhours = 1\n[run]\ntraces = ["test", "command"]\ntrace_interval = 5\n',
+        encoding="utf-8",
+    )
+    ds = fc.run_study(path, tmp_path / "out", n_jobs=1)
+    assert ds["test_aborted"].dims == ("test_start", "test_rate")
+    for start in (1900, 2400):
+        running = ds["elapsed_time"].values[ds["test"].sel(test_start=start, test_rate=1e-3).values > 0]
+        assert (running[0], running[-1]) == (start, start + 590)
+    assert (ds["command"].sel(test_rate=3e-4) != ds["command"].sel(test_rate=1e-3)).any()
