@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from fastcoil.base.errors import InputError
-from fastcoil.base.files import commit, exists, is_file, is_folder, require_file
+from fastcoil.base.files import commit, exists, has_mark, is_file, is_folder, require_file
 from fastcoil.base.text import aligned
 from fastcoil.cli.arguments import PATH, pairs
 from fastcoil.cli.deliver import with_report, write_figure, write_report
@@ -46,10 +46,8 @@ def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def require_writable(out: Path) -> None:
     """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
-    from fastcoil.measured.fit import is_fit
-
     require_file("-o", out, ".toml")
-    if exists(out) and not is_fit(out):
+    if exists(out) and not has_mark(out, b" fitted to ", 300):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
     figure = out.with_suffix(".png")
     if is_folder(figure):

@@ -13,7 +13,7 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import after_hold, cause_of, predictions_of
-from fastcoil.measured.diagnosis import INDICES, Diagnosis
+from fastcoil.measured.diagnosis import INDICES, Diagnosis, profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backlash_of, shown_by
@@ -146,7 +146,6 @@ def diagnose(
             f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s: turns of the "
             "command between two samples are lost"
         )
-    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     triage = triage_of(grid)
     return Diagnosis(
         source=names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more",
@@ -157,10 +156,7 @@ def diagnose(
         cause=cause.name,
         because=cause.because,
         hunts=measures.swing.is_regular,
-        profile=xr.Dataset(
-            {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
-            {"backlash": ("backlash", found.candidates, attrs)},
-        ),
+        profile=profile_of(found),
         indices=xr.Dataset(
             {
                 name: ((), value, dict(zip(("units", "long_name"), INDICES[name], strict=True)))

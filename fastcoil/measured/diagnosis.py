@@ -15,7 +15,7 @@ from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_
 from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise, per_cent
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
-from fastcoil.measured.identify import GOOD
+from fastcoil.measured.identify import GOOD, Identification
 from fastcoil.measured.triage import STATES, SWINGS, headline_of
 
 if TYPE_CHECKING:
@@ -177,6 +177,15 @@ class Advised(NamedTuple):
 def _controller(d: Diagnosis) -> list[str]:
     kp, ti, every = (float(d.indices[name]) for name in ("kp", "ti", "sample_time"))
     return [] if np.isnan(kp) else [f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"]
+
+
+def profile_of(found: Identification) -> xr.Dataset:
+    """The probability of each size."""
+    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
+    return xr.Dataset(
+        {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
+        {"backlash": ("backlash", found.candidates, attrs)},
+    )
 
 
 def gap_in_words(d: Any) -> str:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
-from fastcoil.base.files import read_bytes
 from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.logs import Log
 from fastcoil.measured.part import FITTING, UNUSED, VALIDATION
@@ -30,7 +29,6 @@ NOT_UNIQUE = "one of many that fit as well: the data do not identify it"
 _TOGETHER = 0.95  # correlation of two parameters that are known only together
 _POOR = 0.8  # a model of the right thing explains at least this share of the variance
 _MUCH, _ROUND_OFF = 2.0, 1e-9
-_LARGEST = 2**20  # bytes of a file that a fit wrote
 _SHOWN = {
     "valve": ("m_w", "flow [kg/s]", "", "whether the pump ran"),
     "coil": ("T_sup", "supply air [°C]", "T_sup_", "how the inputs run between samples"),
@@ -219,14 +217,6 @@ def finished(
         seconds=time.perf_counter() - started,
         **others,
     )
-
-
-def is_fit(path: Path) -> bool:
-    """Whether a file was written by ``to_toml``."""
-    try:
-        return b" fitted to " in read_bytes(path, _LARGEST).partition(b"\n")[0]
-    except (OSError, ValueError):
-        return False
 
 
 def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of
 from fastcoil.measured.diagnose import as_measured, identified, seconds_of
+from fastcoil.measured.diagnosis import profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, held, motor_positions, on_grid
 from fastcoil.measured.identify import CANDIDATES, USUAL_STROKE_TIME, Identification, judged
@@ -32,7 +33,7 @@ INPUTS = ("m_a", "T_a_in", "T_w_in")
 LONGEST_INTERVAL, ENOUGH = 15.0, 10.0  # s between samples, in a log and in what is compared
 BEFORE, AFTER = 600.0, 600.0
 """Seconds before the test that the lags of the coil reach back, and after it that tell of the gap as well."""
-LEAST_TURNS, LEAST_TURN = 1, 0.005  # of the command in the test, and the fraction of stroke that counts as one
+LEAST_TURN = 0.005  # fraction of stroke, of the command in the test
 MOST_MISSING = 0.05  # share of the temperatures
 WEIGHT = 0.65
 """Share of the log-likelihood that counts: residuals are neither independent nor normal."""
@@ -94,17 +95,13 @@ def read_test(
     found, answer = _gap_of(grid, positions, first, last, window)
     swing, held_for = _held(grid, command, first, last)
     cause = _cause(grid, seconds, first, found, (swing, held_for))
-    attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return ValveReading(
         source=data.name, backlash=found.backlash, interval=(found.low, found.high), identified=found.identified,
         reason=found.reason, gain=answer.gain, lag=answer.lag, dead_time=answer.dead_time,
         held_swing=swing, held_for=held_for,
         cause=cause.name, because=cause.because, explained=answer.explained,
         minutes=(last - first) * grid.interval / 60.0,
-        profile=xr.Dataset(
-            {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
-            {"backlash": ("backlash", found.candidates, attrs)},
-        ),
+        profile=profile_of(found),
         signals=_signals(grid, command, answer, first, last, window), notes=notes,
     )  # fmt: skip
 
@@ -143,8 +140,7 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
         raise InputError(f"{name}: the log holds no test: the column test is 0 throughout, or between is outside of it")
     if len(found) > 1:
         notes.append(f"the log has {len(found)} tests: the last is read, for another give between, --between")
-    first, last = (int(row) for row in found[-1])
-    return first, last
+    return int(found[-1][0]), int(found[-1][1])
 
 
 def _gap_of(
@@ -154,11 +150,10 @@ def _gap_of(
     known = [grid.values[name][: window.stop] for name in INPUTS if name in grid.values]
     inputs = [held(series) for series in known if np.isfinite(series).any()]
     missing = float(np.mean(~np.isfinite(T[window])))
-    made = turns(positions[first:last], LEAST_TURN)
     doubt = ""
     if missing > MOST_MISSING:
         doubt = f"{100 * missing:.0f} % of the temperatures are missing: test again, and log all"
-    elif made < LEAST_TURNS:
+    elif not turns(positions[first:last], LEAST_TURN):
         doubt = "the command does not turn back in the test, and a gap shows at turns only: test again, for longer"
     answer = response(held(T), positions, window.start, first, grid.interval, inputs, CANDIDATES)
     if not doubt and answer.explained < LEAST_EXPLAINED:

@@ -5,37 +5,19 @@ import inspect
 import io
 import re
 import tokenize
+import tomllib
 import unicodedata
 from functools import cache
+from pathlib import Path
 from textwrap import dedent, wrap
 from types import FunctionType
 from typing import Any
 
 WIDTH = 100
 """Characters of a line of code."""
-_C = """
-auto break bool case char const continue default do double else enum extern false float for goto if inline int
-long register restrict return short signed sizeof static struct switch true typedef union unsigned void volatile
-while main memset y0 y1 yn j0 j1 jn gamma fmax fmin fabs fma pow hypot erf round trunc ceil rint div abs labs
-"""
-_PYTHON = """
-and as assert class def del elif except finally from global import in is lambda none nonlocal not or pass raise
-try with yield math zeros state check csv sys range len print min max
-"""
-_IEC = """
-abs acos action add and andn array asin at atan bool by byte cal calc case cd concat configuration constant cos
-ctd ctu ctud d date delete derivative delay average pid diffeq hysteresis ramp transfer lag1 dint div do dt
-dword else elsif en eno eq exit exp expt false find for from function f_edge f_trig ge gt if insert int integral
-interval jmp l ld le left len limit lint ln log lreal lt lword max mid min mod move mul mux n ne not of on or
-orn p program r read_only read_write real repeat replace resource ret retain return right rol ror rs rtc r_edge
-r_trig s sd sel sema shl shr sin single sint sl sqrt sr st step stn string struct sub tan task abstract any bit
-class continue final implements interface internal ltime method namespace null overlap override pointer private
-property protected public reference ref ref_to super this union using wstring xint then time to tod tof ton tp
-transition true trunc type udint uint ulint until usint var while with word xor
-"""
-IEC = frozenset(_IEC.split())
-"""Keywords, types, standard functions and action qualifiers of IEC 61131-3, with those of its third edition."""
-RESERVED = frozenset(f"{_C}{_PYTHON}".split()) | IEC
+_WORDS = tomllib.loads((Path(__file__).parent / "laws" / "reserved.toml").read_text(encoding="utf-8"))
+IEC = frozenset(_WORDS["iec"].split())
+RESERVED = frozenset(" ".join(_WORDS.values()).split())
 """In small letters."""
 _PLAIN = {
     "ü": "ue", "ä": "ae", "ö": "oe", "ß": "ss", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "…": "...",
