@@ -12,7 +12,6 @@ from fastcoil.model.parameter_table import COUNTS, PARAMETERS
 
 PresetName = Any
 Keywords = TypedDict("Keywords", dict.fromkeys((WORD, *PARAMETERS), Any), total=False)  # type: ignore[misc]
-"""Parameters by name; their types are in the stub beside this file."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Class = TypeVar("Class", bound=type)

@@ -10,8 +10,6 @@ from fastcoil.loops.assignment import checked_value
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.valve_test import FARTHEST, OVERSHOOT
 
-_GENTLE = {"minutes": 45.0, "rate": 3e-4, "threshold": 0.1, "hold": 90.0, "excursion": 1.0}
-_HEATING = {"minutes": 30.0, "rate": 5e-4, "hold": 60.0, "excursion": 3.0}
 _EACH = 30.0  # seconds between two commands of a technician
 
 
@@ -72,12 +70,12 @@ class ValveTest:
     @classmethod
     def gentle(cls, **options: Any) -> ValveTest:
         """The test that moves the temperature less: 45 minutes, most days within 1 K."""
-        return cls(**{**_GENTLE, **options})
+        return cls(**{"minutes": 45.0, "rate": 3e-4, "threshold": 0.1, "hold": 90.0, "excursion": 1.0} | options)
 
     @classmethod
     def heating(cls, **options: Any) -> ValveTest:
         """The test of a heating coil, whose temperature answers more: 30 minutes, within 3 K."""
-        return cls(**{**_HEATING, **options})
+        return cls(**{"minutes": 30.0, "rate": 5e-4, "hold": 60.0, "excursion": 3.0} | options)
 
     def parameters(self) -> dict[str, float]:
         """The test as parameters of a loop."""

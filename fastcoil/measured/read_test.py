@@ -85,16 +85,16 @@ def read_test(
     data = read_log(as_measured(source) if "T_sup" not in (columns or {}) else source, WANTED, how)
     grid, notes = on_grid(data)
     grid, notes = _thinned(data.name, grid), [*data.notes, *notes]
-    seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     if stroke_time is None:
-        notes.append(f"the motor is taken to need {seconds:g} s for its stroke: give stroke_time if it is known")
+        stroke_time = USUAL_STROKE_TIME
+        notes.append(f"the motor is taken to need {stroke_time:g} s for its stroke: give stroke_time if it is known")
     first, last = _rows_of_test(data.name, grid, between, notes)
     window = slice(max(first - round(BEFORE / grid.interval), 0), last + round(AFTER / grid.interval))
     command = held(grid.values["command"][: window.stop])
-    positions = motor_positions(command, grid.interval, seconds)[:-1]
+    positions = motor_positions(command, grid.interval, stroke_time)[:-1]
     found, answer = _gap_of(grid, positions, first, last, window)
     swing, held_for = _held(grid, command, first, last)
-    cause = _cause(grid, seconds, first, found, (swing, held_for))
+    cause = _cause(grid, stroke_time, first, found, (swing, held_for))
     return ValveReading(
         source=data.name, backlash=found.backlash, interval=(found.low, found.high), identified=found.identified,
         reason=found.reason, gain=answer.gain, lag=answer.lag, dead_time=answer.dead_time,

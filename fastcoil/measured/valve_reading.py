@@ -70,13 +70,14 @@ class ValveReading(Result):
 
     def summary(self) -> list[str]:
         """The reading in words, line by line."""
-        lines = [f"{self.source}: a valve test of {self.minutes:.0f} min", gap_in_words(self)]
-        lines.append(
+        return [
+            f"{self.source}: a valve test of {self.minutes:.0f} min",
+            gap_in_words(self),
             f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s; "
-            f"the temperature moved by {self.held_swing:.2g} K while the command was held"
-        )
-        lines.append(f"Cause of the swing before the test: {self.cause}: {self.because}")
-        return lines + [f"Note: {note}" for note in self.notes]
+            f"the temperature moved by {self.held_swing:.2g} K while the command was held",
+            f"Cause of the swing before the test: {self.cause}: {self.because}",
+            *(f"Note: {note}" for note in self.notes),
+        ]
 
     def plot(self) -> Figure:
         """The reading on one page, as a matplotlib ``Figure``."""

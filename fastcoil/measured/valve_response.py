@@ -98,15 +98,14 @@ def response(
 
     dynamics = [(slow, fast, dead) for i, slow in enumerate(LAGS) for fast in LAGS[: i + 1] for dead in DEAD_TIMES]
 
-    def answered(dynamic: tuple[float, float, float], every: int = 1) -> Array:
-        slow, fast, dead = dynamic
+    def answered(slow: float, fast: float, dead: float, every: int = 1) -> Array:
         return late(lagged(lagged(openings[:, ::every], slow), fast), dead)
 
-    coarse = [float(evidence(answered(one, _COARSE), *_TYPICAL)[0].max()) for one in dynamics]
+    coarse = [float(evidence(answered(*one, _COARSE), *_TYPICAL)[0].max()) for one in dynamics]
     likely = [one for one, found in zip(dynamics, coarse, strict=True) if found > max(coarse) - _UNLIKELY]
     total, best = np.full(candidates.size, -np.inf), (-np.inf, (0.0, 0.0, 0.0), 0, 0, 0.0)
     for dynamic in likely:
-        answers = answered(dynamic)
+        answers = answered(*dynamic)
         for ar in AR:
             for ma in MA:
                 found, gains = evidence(answers, ar, ma)
