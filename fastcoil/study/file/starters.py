@@ -9,13 +9,8 @@ TEMPLATE = Path(__file__).with_name("template.toml").read_text(encoding="utf-8")
 
 def shipped_studies() -> dict[str, str]:
     """Name → text of the studies that come with fastcoil, by name."""
-    folders = (folder for folder in _folder().iterdir() if folder.is_dir())
-    found = [file for folder in folders for file in folder.iterdir() if file.name.endswith(".toml")]
-    found.sort(key=lambda file: file.name)
+    installed, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
+    home: Traversable = installed if installed.is_dir() else package.parent / "studies"  # of the repository
+    found = [file for folder in home.iterdir() if folder.is_dir() for file in folder.iterdir()]
+    found = sorted((file for file in found if file.name.endswith(".toml")), key=lambda file: file.name)
     return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in found}
-
-
-def _folder() -> Traversable:
-    package = files("fastcoil")
-    installed = package / "studies"
-    return installed if installed.is_dir() else Path(str(package)).parent / "studies"  # of the repository
