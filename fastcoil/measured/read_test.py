@@ -140,7 +140,10 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
         raise InputError(f"{name}: the log holds no test: the column test is 0 throughout, or between is outside of it")
     if len(found) > 1:
         notes.append(f"the log has {len(found)} tests: the last is read, for another give between, --between")
-    return int(found[-1][0]), int(found[-1][1])
+    first, last = int(found[-1][0]), int(found[-1][1])
+    if np.unique(held(grid.values["T_sup"])[first:last]).size < 2:
+        raise InputError(f"{name}: T_sup does not move in the test: check its sensor and how it is logged")
+    return first, last
 
 
 def _gap_of(
@@ -193,7 +196,7 @@ def _cause(grid: Grid, stroke_time: float, first: int, found: Identification, he
 def _signals(grid: Grid, command: Array, answer: Response, first: int, last: int, window: slice) -> xr.Dataset:
     rows = np.arange(window.start, command.size)
     model = np.full(rows.size, np.nan)
-    model[first - window.start :] = answer.model + grid.values["T_sup"][first]
+    model[first - window.start :] = answer.model + held(grid.values["T_sup"])[first]
     series = {"T_sup": grid.values["T_sup"][window], "command": command[window], "stem": answer.stem, "model": model,
               "test": ((rows >= first) & (rows < last)).astype(float)}  # fmt: skip
     units = {"T_sup": "degC", "model": "degC"}

@@ -95,6 +95,13 @@ def replay(
     if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
         raise InputError(problems)
     whole_of("trace_interval", trace_interval, 1, series.shape[0])
+    ds = replayed(loop, series, trace_interval)
+    ds.attrs = {"title": "fastcoil replay", **provenance(), "parameters": json.dumps(loop.constants), "log": data.name}
+    return ds
+
+
+def replayed(loop: Loop, series: Array, trace_interval: int) -> xr.Dataset:
+    """What the controllers of a loop command, as ``replay``; series: REPLAY_COLUMNS at every second, (n_steps, 4)."""
     n = math.prod(loop.sizes.values())
     points = np.arange(0, series.shape[0], trace_interval)
     needed = 8 * n * len(REPLAY_TRACES) * points.size
@@ -108,7 +115,6 @@ def replay(
     for name, values in found.items():
         shape = (*loop.sizes.values(), points.size)
         ds[name] = ((*loop.sizes, "elapsed_time"), values.T.reshape(shape), attributes(TRACES[name]))
-    ds.attrs = {"title": "fastcoil replay", **provenance(), "parameters": json.dumps(loop.constants), "log": data.name}
     return ds
 
 

@@ -46,6 +46,11 @@ def test_a_loop_with_a_test_that_cannot_be_is_refused(loop, says):
         fc.simulate(fc.Loop(**loop), fc.constant_day(hours=1))
 
 
+def test_what_is_no_valve_test_is_refused():
+    with pytest.raises(fc.InputTypeError, match="test is a int: give a fastcoil.ValveTest"):
+        fc.simulate(fc.Loop(), fc.constant_day(hours=1), test=3)
+
+
 class Parameters(NamedTuple):
     """Of a law."""
 

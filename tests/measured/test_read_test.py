@@ -39,17 +39,19 @@ def test_the_gap_is_right_and_its_interval_holds_it(logs, size):
     assert float(r.profile.probability.sum()) == pytest.approx(1.0)
 
 
-def test_gain_and_lag_are_those_of_the_plant(found):
-    day = fc.constant_day(hours=1)
-    opening = 0.3
-    loop = fc.Loop.preset("lbnl").assign(backlash=0.0)
-    steps = opening + np.where(np.arange(3600) < 1800, -0.01, 0.01)
-    ds = fc.simulate(loop, day, command=steps, traces=["T_measured"], warm_up=60)
+@pytest.mark.parametrize("size", [0.0, 0.03, 0.08])
+def test_gain_and_lag_are_those_of_the_plant(logs, size):
+    """Of a step of the valve in open loop, where the test has it, with the air and water of its middle."""
+    r = fc.read_test(logs[size], stroke_time=90)
+    day = fc.paper_day(hours=3, seed=3)
+    still = {name: np.full(3600, values[0, START + 900]) for name, values in day.series.items()}
+    steps = np.where(np.arange(3600) < 1800, 0.26, 0.30)
+    loop = fc.Loop.preset("lbnl").assign(backlash=0.0, stroke_time=0.0)
+    ds = fc.simulate(loop, fc.Boundary(**still), command=steps, traces=["T_measured"], warm_up=60)
     T = ds.T_measured.values
-    gain = (T[-1] - T[1799]) / 0.02
-    lag = float(np.trapezoid(T[1800:] - T[-1])) / (T[1799] - T[-1])
-    assert found.gain == pytest.approx(gain, rel=0.5)
-    assert found.lag + found.dead_time == pytest.approx(lag, rel=0.5)
+    lag = float(np.trapezoid(T[1799:] - T[-1])) / (T[1799] - T[-1])
+    assert r.gain == pytest.approx((T[-1] - T[1799]) / 0.04, rel=0.3)
+    assert r.lag + r.dead_time == pytest.approx(lag, rel=0.3)
 
 
 def test_a_csv_file_gives_the_same_and_so_does_the_time_of_the_test(logs, found, tmp_path):
@@ -75,6 +77,7 @@ def test_a_csv_file_gives_the_same_and_so_does_the_time_of_the_test(logs, found,
         (lambda log: log, {"between": (90000, 91000)}, "the log holds no test"),
         (lambda log: log, {"between": 5}, "between = 5: give start and end in seconds"),
         (lambda log: log, {"stroke_time": -1}, "stroke_time = -1"),
+        (lambda log: log.assign(T_measured=log.T_measured * 0.0 + 14.0), {}, "T_sup does not move in the test"),
     ],
 )
 def test_a_log_without_a_readable_test_is_refused(logs, changed, how, says):
@@ -88,7 +91,9 @@ def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs):
     assert not early.identified
     assert "does not turn back" in early.reason
     holes = log.T_measured.where(np.arange(log.sizes["elapsed_time"]) % 8 != 0)
+    holes[START // 5] = np.nan
     torn = fc.read_test(log.assign(T_measured=holes), drop=True)
+    assert np.isfinite(torn.signals["model"]).any()
     assert not torn.identified
     assert "of the temperatures are missing" in torn.reason
     other = log.assign(T_measured=14.0 + np.sin(log.elapsed_time / 40.0))

@@ -20,7 +20,8 @@ from fastcoil.deliver.export.controller import Controller
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.replay import replay
+from fastcoil.measured.replay import replayed
+from fastcoil.model.engine.recorded import REPLAY_COLUMNS
 
 OUTPUTS = {"command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate"}
 """What the code calls a trace."""
@@ -144,10 +145,10 @@ def _handled(controller: Controller) -> dict[str, Array]:
 
 def _replayed(loop: Loop, controller: Controller, seen: dict[str, Array]) -> dict[str, Array]:
     sample_time = int(controller.number["sample_time"])
-    time = {"elapsed_time": ("elapsed_time", sample_time * np.arange(seen["T_sup"].size), {"units": "s"})}
-    units = {"T_sup": "degC", "T_set": "degC", "enabled": "1"} | ({"m_a": "kg s-1"} if controller.sees_air else {})
-    log = xr.Dataset({name: ("elapsed_time", seen[name], {"units": unit}) for name, unit in units.items()}, time)
-    return _rows(replay(loop, log, trace_interval=sample_time), seen)
+    held = seen if controller.sees_air else seen | {"m_a": np.full(seen["m_a"].size, np.nan)}
+    series = np.repeat(np.stack([held[name] for name in REPLAY_COLUMNS], axis=1), sample_time, axis=0)
+    # not as a log, which may not jump as this does
+    return _rows(replayed(loop, series, sample_time), seen)
 
 
 def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:
