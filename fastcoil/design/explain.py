@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, whole_of
+from fastcoil.base.arguments import checking, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.text import aligned
 from fastcoil.design.advice import (
@@ -96,9 +96,7 @@ def explain(
     >>> import fastcoil as fc
     >>> fc.explain(fc.Loop.preset("lbnl").assign(ti=5), fc.paper_day()).why  # doctest: +SKIP
     """
-    with checking() as check:
-        check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
-        check(instance_of, "boundary", boundary, Boundary, "give a fastcoil.Boundary, such as fastcoil.paper_day()")
+    plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
     with checking() as check:
         if loop.sizes:
             dims = ", ".join(f"{dim} ({size})" for dim, size in loop.sizes.items())
@@ -110,7 +108,6 @@ def explain(
         last = boundary.n_steps - 1
         cure = f"give a second of the boundary, a whole number from 0 to {last}"
         second = check.unless_none(whole_of, "at", at, 0, last, cure)
-    plan_simulation(loop, boundary, traces=["T_sup"], warm_up=warm_up, seed=seed)
     if loop["estimate_ratio"] is not None:  # a cure may change the backlash, or the estimate
         loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
     points = operating_points(boundary, warm_up, second)
@@ -226,17 +223,21 @@ class Explanation:
     @property
     def margin(self) -> float:
         """Largest margin of the day."""
-        return math.nan if self.prediction is None else self.prediction.margin
+        return self._worst("margin")
 
     @property
     def period(self) -> float:
         """Period of the cycle predicted at the worst operating point, s."""
-        return math.nan if self.prediction is None else float(self.prediction.cycles.period[self.prediction.worst])
+        return self._worst("period")
 
     @property
     def amplitude(self) -> float:
         """Half of peak to peak of the cycle predicted at the worst operating point, K."""
-        return math.nan if self.prediction is None else float(self.prediction.cycles.amplitude[self.prediction.worst])
+        return self._worst("amplitude")
+
+    def _worst(self, name: str) -> float:
+        p = self.prediction
+        return math.nan if p is None else float(getattr(p.cycles, name)[p.worst])
 
     @property
     def why(self) -> str:

@@ -29,7 +29,6 @@ from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import Columns, Complex, Plants, distinct, driven_gain, frequency_response, loop_response
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.plan import check_memory
 from fastcoil.loops.provenance import provenance
 from fastcoil.model.metric_table import HUNTING_SWING
 
@@ -362,7 +361,6 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
         With one sentence for each mistake; for an unstable coil; if theory says nothing about any scenario.
     """
     points = OperatingPoints(loop, boundary, at)
-    check_memory(2 * 8 * len(_NAMES) * points.size, points.size)
     reasons: Counter[str] = Counter()
 
     def cycles(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterable[tuple[str, Array]]:

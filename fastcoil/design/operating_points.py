@@ -26,6 +26,11 @@ Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str
 _CHUNK = 2048  # points at a time: their responses take up to 60 MB
 
 
+def chunks(n: int) -> list[Index]:
+    """The numbers 0 to n - 1 in parts that fit into memory."""
+    return [np.arange(first, min(first + _CHUNK, n)) for first in range(0, n, _CHUNK)]
+
+
 class OperatingPoints:
     """Every loop of a sweep at every operating point, in one flat order.
 
@@ -55,8 +60,7 @@ class OperatingPoints:
     def evaluated(self, variables: Evaluation) -> dict[str, Array]:
         """Variables of all points, (size, …) each, computed in parts that fit into memory."""
         found: dict[str, Array] = {}
-        for start in range(0, self.size, _CHUNK):
-            index = np.arange(start, min(start + _CHUNK, self.size))
+        for index in chunks(self.size):
             columns, conditions = self.columns(index), self.conditions(index)
             for name, values in variables(columns, conditions, plants_of(columns, conditions)):
                 if name not in found:
@@ -112,16 +116,11 @@ def _seconds_of(at: Any, n_steps: int) -> Index | None:
     labelled = as_labelled("at", at, "at")
     at = at if labelled is None else in_our_unit("at", labelled, TIME)
     values = np.array([float(plain(at))]) if is_number(at) else array_of("at", at, cure)
-    if values.ndim != 1:
+    if values.ndim != 1 or not values.size:
         raise InputError(WrongType(f"at = {shown(at)}: {cure}"))
-    if not values.size:
-        raise InputError(f"at is empty: {cure}")
     wrong = values[~((values >= 0) & (values < n_steps) & (values == np.floor(values)))]
     if wrong.size:
         raise InputError(f"at has {wrong[0]:g}: {cure}")
-    seconds, counts = np.unique(values, return_counts=True)
-    if seconds.size < values.size:
-        raise InputError(f"at has {seconds[counts > 1][0]:g} twice: give each second once")
     return values.astype(np.int64)
 
 
@@ -153,6 +152,7 @@ def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = Fals
 
 
 def _means(boundary: Boundary, warm_up: int) -> dict[str, Array]:
+    """``mean_conditions``, (n_days, 1); refused where a day has none."""
     found = mean_conditions(boundary, warm_up)
     without = np.flatnonzero(np.isnan(found["T_set"]))
     if without.size:
@@ -165,12 +165,9 @@ def _means(boundary: Boundary, warm_up: int) -> dict[str, Array]:
 
 
 def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
-    found = {name: np.empty((boundary.n_days, seconds.size)) for name in ENTERING}
-    for k in range(boundary.n_days):
-        rows = boundary.of_day(k)
-        for name, values in found.items():
-            values[k] = rows[name][seconds]
-    return found
+    """What enters at some seconds, (n_days, n)."""
+    days = [{n: rows[n][seconds] for n in ENTERING} for rows in map(boundary.of_day, range(boundary.n_days))]
+    return {name: np.stack([day[name] for day in days]) for name in ENTERING}
 
 
 SAME_SET_POINT = 0.5

@@ -11,7 +11,7 @@ from fastcoil.base.arrays import Index
 from fastcoil.design.describing_function import unknown
 from fastcoil.design.limit_cycle import Cycles, cycles_of
 from fastcoil.design.linearise import first_order, simc
-from fastcoil.design.operating_points import PointsOfDay, mean_conditions
+from fastcoil.design.operating_points import PointsOfDay, chunks, mean_conditions
 from fastcoil.design.plants import Columns, Plants, loop_response, plants_of
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import Plan
@@ -46,8 +46,8 @@ class Prediction(NamedTuple):
 
     @property
     def columns(self) -> Columns:
-        """The parameters, (1,) each, without a dead band, which theory does not know."""
-        return columns_of(self.loop.assign(error_dead_band=0.0), {}, np.zeros(1, dtype=np.int64))
+        """The parameters, (1,) each."""
+        return _columns(self.loop, 1)
 
     @property
     def plant(self) -> Plants:
@@ -55,9 +55,14 @@ class Prediction(NamedTuple):
         return self.plants.some(np.array([self.worst]))
 
 
+def _columns(loop: Loop, n: int) -> Columns:
+    """The parameters of a loop n times, without a dead band, which theory does not know."""
+    return columns_of(loop.assign(error_dead_band=0.0), {}, np.zeros(n, dtype=np.int64))
+
+
 def predict(loop: Loop, points: PointsOfDay) -> Prediction:
     """Linearise a loop at the operating points of a day and look for its cycles."""
-    columns = columns_of(loop.assign(error_dead_band=0.0), {}, np.zeros(points.size, dtype=np.int64))
+    columns = _columns(loop, points.size)
     plants = plants_of(columns, points.conditions)
     cycles = cycles_of(columns, plants)
     reached = np.flatnonzero(plants.reachable & np.isfinite(cycles.margin))
@@ -81,7 +86,7 @@ def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
     if prediction.worst < 0:
         return None
     plants = prediction.plants.some(prediction.reached)
-    columns = columns_of(prediction.loop.assign(error_dead_band=0.0), {}, np.zeros(prediction.reached.size, np.int64))
+    columns = _columns(prediction.loop, prediction.reached.size)
     found = simc(columns, plants, first_order(columns, plants))
     known = np.flatnonzero(np.isfinite(found.kp) & np.isfinite(found.ti))
     k = known[np.argmin(found.kp[known])] if known.size else 0
@@ -165,9 +170,8 @@ def why_not_linear(loop: Loop) -> tuple[str, ...]:
     """Why theory does not hold for a single loop, a clause each; empty where it does."""
     if loop["law"] == "pi" and float(loop["kp"]) <= 0.0:  # type: ignore[arg-type]
         return (f"kp = {loop['kp']:g} does not control: a kp has to be above 0",)
-    columns = columns_of(loop.assign(error_dead_band=0.0), {}, np.zeros(1, dtype=np.int64))
     # behind the colon stands what to do about it in Python
-    return tuple(reason.partition(":")[0] for reason, holds in unknown(columns).items() if holds.any())
+    return tuple(reason.partition(":")[0] for reason, holds in unknown(_columns(loop, 1)).items() if holds.any())
 
 
 def why_no_margin(prediction: Prediction) -> tuple[str, ...]:
@@ -199,7 +203,6 @@ def left_out(prediction: Prediction) -> tuple[str, ...]:
     return tuple(found)
 
 
-_AT_ONCE = 2048  # scenarios; their responses take up to 60 MB
 _DIGITS = "%.6g"  # theory is not more accurate, and the last bits depend on the machine's libraries
 
 
@@ -222,8 +225,7 @@ def predictions(plan: Plan) -> xr.Dataset:
     entering = mean_conditions(plan.layout.boundary, plan.warm_up, carry_over=plan.carry_over)
     found = {name: np.full(n, np.nan) for name in PREDICTIONS}
     reasons: Counter[str] = Counter()
-    for start in range(0, n, _AT_ONCE):
-        index = np.arange(start, min(start + _AT_ONCE, n))
+    for index in chunks(n):
         day = columns_of(loop, alike, index)["day"]
         seen = index[np.isfinite(entering["T_set"][day])]
         reasons["no second is enabled after the warm-up"] += index.size - seen.size

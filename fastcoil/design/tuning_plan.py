@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, is_number, mapping_of, plain, whole_of
+from fastcoil.base.arguments import checking, is_number, mapping_of, plain, whole_of
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.describing_function import unknown
@@ -23,9 +22,10 @@ from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import Columns, Plants
 from fastcoil.design.search import effort
 from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary.samples import day_digest
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.plan import RUN_LIMITS, plan_simulation
+from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.loops.simulate import simulate
 from fastcoil.model.metric_table import WARM_UP
@@ -90,7 +90,7 @@ def axes_of(search: object, loop: Loop) -> tuple[Axis, ...]:
         try:
             axes.append(_axis(name, bounds, loop))
         except InputError as error:
-            problems += [type(problem)(f"search: {problem}") for problem in error.problems]
+            problems += [f"search: {problem}" for problem in error.problems]
     if {"backlash_estimate", "estimate_ratio"} <= given.keys():
         problems.append("search: estimate_ratio stands in for backlash_estimate: search one or the other")
     kept = {dim for name, value in loop.swept.items() if name not in given for dim in value.dims}
@@ -120,8 +120,7 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
     if not isinstance(pair, (list, tuple)) or len(pair) != 2 or not all(map(is_number, pair)):
         raise InputError(WrongType(f"{name} = {shown(bounds)}: give two numbers, (lowest, highest)"))
     low, high = (float(plain(end)) for end in pair)
-    wrong = [problem for end in (low, high) if (problem := parameter.problem(end))]
-    if wrong:
+    if wrong := [problem for end in (low, high) if (problem := parameter.problem(end))]:
         raise InputError(wrong)
     if not low < high:
         raise InputError(f"{name} = {shown(bounds)}: the lowest value must be below the highest")
@@ -196,31 +195,27 @@ def plan_tuning(
     replicates: int = 1,
 ) -> Asked:
     """Check the arguments of ``tune`` and divide valves and days."""
-    with checking() as check:
-        check(instance_of, "loop", loop, Loop, "give a Loop, such as Loop.preset('lbnl')")
-        check(instance_of, "boundary", boundary, Boundary, "give a Boundary, such as paper_day(seed=[1, 2, 3])")
+    how: dict[str, Any] = {"warm_up": warm_up, "seed": seed, "replicates": replicates}
+    plan = plan_simulation(loop, boundary, **how)
     with checking() as check:
         axes = check(axes_of, search, loop)
         goal = check(goal_of, objective, quantile)
         limited = check(limits_of, limits, quantile)
         asked = check(whole_of, "evaluations", evaluations, 1, MOST_EVALUATIONS)
-        warm_up = check(whole_of, "warm_up", warm_up, *RUN_LIMITS["warm_up"])
-        seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
-        replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
-        groups = check(split, loop, boundary, holdout, seed or 0)
+        groups = check(split, loop, boundary, holdout, plan.seed)
     # all combinations of lowest and highest values: what cannot be together shows there
     corners = zip(*product(*((axis.low, axis.high) for axis in axes[:_MOST_CORNERS])), strict=True)
     at = {axis.name: (TUNING, list(ends)) for axis, ends in zip(axes, corners, strict=False)}
     rest = {axis.name: axis.low for axis in axes[_MOST_CORNERS:]}
     for group in groups:
-        plan_simulation(group.loop, group.boundary, warm_up=warm_up, seed=seed, replicates=replicates)
+        plan_simulation(group.loop, group.boundary, **how)
         extremes = group.boundary.extremes
         ends = group.loop.assign(**at, **rest)
         check_clashes(ends, np.array(extremes["T_set"]), extremes["backlash_scale"][0])
         if any(limit.measure.metric == MARGIN for limit in limited):
             require_margins(ends)
     measures = tuple(reported(goal, limited))
-    return Asked(axes, goal, tuple(limited), measures, *groups, asked, warm_up, seed, replicates)
+    return Asked(axes, goal, tuple(limited), measures, *groups, asked, plan.warm_up, plan.seed, replicates)
 
 
 _MOST_CORNERS = 6  # axes of which all combinations of ends are looked at
@@ -280,13 +275,12 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
 
 def _labelled(boundary: Boundary, holdout: Any) -> Index:
     """Places of the days with these labels."""
-    listed = isinstance(holdout, (list, tuple, range)) or (isinstance(holdout, np.ndarray) and holdout.ndim == 1)
-    listed = listed and len(holdout) <= boundary.n_days
-    labels, known = [plain(label) for label in holdout] if listed else [], boundary.day.tolist()
-    if not labels or not all(is_number(label) and label in known for label in labels):
-        cure = f"give a Boundary of other days, or some of the boundary's days {shown(known)}"
-        said = f"holdout = {shown(holdout)}: {cure}"
-        raise InputError(said if listed else WrongType(said))
+    known = boundary.day.tolist()
+    labels = np.asarray(holdout).tolist()
+    if not isinstance(labels, list) or not labels or not all(label in known for label in labels):
+        raise InputError(
+            f"holdout = {shown(holdout)}: give a Boundary of other days, or some of the boundary's days {shown(known)}"
+        )
     return np.array(sorted({known.index(label) for label in labels}))
 
 
@@ -296,13 +290,9 @@ def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
             f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long, since travel adds up"
         )
 
-    def series(days: Boundary, k: int) -> bytes:
-        return hashlib.sha256(b"".join(values.tobytes() for values in days.of_day(k).values())).digest()
-
-    searched = {series(boundary, k): boundary.day[k] for k in range(boundary.n_days)}
+    searched = {day_digest(0, boundary.of_day(k)): boundary.day[k] for k in range(boundary.n_days)}
     for k in range(holdout.n_days):
-        same = searched.get(series(holdout, k))
-        if same is not None:
+        if (same := searched.get(day_digest(0, holdout.of_day(k)))) is not None:
             raise InputError(
                 f"holdout: its day {holdout.day[k]} is day {same} of the boundary: give days that it does not have"
             )

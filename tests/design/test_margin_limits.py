@@ -56,4 +56,4 @@ def test_loops_without_a_margin_are_refused(population, change, search, words):
 
 
 def test_a_margin_is_no_objective(population):
-    assert ": choose " in only_problem(plan_tuning, *population, search={"kp": (0.01, 0.1)}, objective="margin")
+    assert ": choose " in only_problem(plan_tuning, *population, search={"kp": (0.01, 0.1)}, objective="margin", **HOW)

@@ -60,8 +60,8 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"loop": 3}, "loop is a int: give a Loop"),
-        ({"boundary": None}, "boundary is a NoneType: give a Boundary"),
+        ({"loop": 3}, "loop is a int: give a fastcoil.Loop"),
+        ({"boundary": None}, "boundary is a NoneType: give a fastcoil.Boundary"),
         ({"objective": "rms"}, "did you mean 'rmse'?"),
         ({"evaluations": 0}, "evaluations = 0"),
         ({"n_jobs": 0}, "n_jobs = 0"),
