@@ -33,10 +33,10 @@ than that of the model where the command explains a smaller share of the changes
 fast disturbances are so many times as large as its swing."""
 
 
-REMAINS, DIES, MOVES = 0.5, 1.0, 0.3
+REMAINS, DIES, MOVES = 0.5, 1.0, 0.25
 """Share of a swing that remains while the command is held, above which it comes from outside; periods of the swing for
-which the command has to be held for a swing that dies to be the loop's own; K that the temperature has to move while
-the command is held for something outside to be blamed where no swing comes back regularly."""
+which the command has to be held for a swing that dies to be the loop's own; K that the temperature drifts on calm days
+in such a hold, and that it has to move for something outside to be blamed."""
 
 
 class Cause(NamedTuple):
@@ -77,9 +77,10 @@ def after_hold(cause: Cause, measures: Measures, held_swing: float, held_for: fl
         moved = f"the temperature moved by {held_swing:.2g} K while the command was held"
         return Cause(DISTURBANCE, moved) if held_swing > MOVES else cause
     share = f"{100 * held_swing / swing.peak_to_peak:.0f} % of the swing remained while the command was held"
-    if held_swing > REMAINS * swing.peak_to_peak:
+    remains = held_swing > REMAINS * swing.peak_to_peak
+    if remains and held_swing > MOVES:
         return Cause(DISTURBANCE, share)
-    if cause.name == DISTURBANCE and held_for >= DIES * swing.period:
+    if cause.name == DISTURBANCE and not remains and held_for >= DIES * swing.period:
         return Cause(TUNING, f"only {share}, and the gap does not explain it")
     return cause
 

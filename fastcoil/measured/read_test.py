@@ -20,6 +20,7 @@ from fastcoil.measured.diagnosis import profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, held, motor_positions, on_grid
 from fastcoil.measured.identify import CANDIDATES, USUAL_STROKE_TIME, Identification, judged
+from fastcoil.measured.measures import running_mean
 from fastcoil.measured.part import runs, turns
 from fastcoil.measured.valve_reading import ValveReading
 from fastcoil.measured.valve_response import Response, response
@@ -38,6 +39,7 @@ MOST_MISSING = 0.05  # share of the temperatures
 WEIGHT = 0.65
 """Share of the log-likelihood that counts: residuals are neither independent nor normal."""
 LEAST_EXPLAINED = 0.5  # share of the variance of the temperature that the command has to explain
+QUIET = 60.0  # seconds whose mean takes the noise away
 LEAST_BEFORE = 3600.0  # seconds of normal operation by which the cause is judged
 
 
@@ -174,8 +176,9 @@ def _held(grid: Grid, command: Array, first: int, last: int) -> tuple[float, flo
     moved = np.flatnonzero(command[first + 1 : last] != command[first + 1])
     end = first + 1 + (int(moved[0]) if moved.size else last - first - 1)
     rest = grid.values["T_sup"][(first + end) // 2 : end]
-    seconds, rest = rest.size * grid.interval, rest[np.isfinite(rest)]
-    return (float(np.ptp(rest)) if rest.size > 1 else math.nan), seconds
+    seconds, known = rest.size * grid.interval, np.isfinite(rest)
+    smooth = running_mean(rest, known, max(1, min(round(QUIET / grid.interval), rest.size // 3)))[known]
+    return (float(np.ptp(smooth)) if smooth.size > 1 else math.nan), seconds
 
 
 def _cause(grid: Grid, stroke_time: float, first: int, found: Identification, held: tuple[float, float]) -> Cause:
