@@ -85,11 +85,11 @@ class ValveTest:
         """What a technician does with a stop-watch, step by step."""
         step = 100 * self.rate * _EACH
         return [
-            "Before: log command, T_sup and, where there are any, m_a, T_a_in and T_w_in every 5 s, and start an hour "
-            "before the test.  Choose an hour in which load and water are steady.  The valve is neither shut nor open.",
+            "Before: log command, T_sup and, if you can, m_a, T_a_in and T_w_in every 5 s, from an hour before the test.  "
+            "Choose an hour in which load and water are steady and the valve is neither fully closed nor fully open.",
             f"Limits: if T_sup is ever more than {self.excursion:g} K from its set-point, or water, fan or set-point "
             "change, stop: give the valve back to the controller.",
-            "1. Note the time, the set-point and the command.  Put the valve in hand at the command that it has.",
+            "1. Note the time, the set-point and the command.  Switch the valve to manual and keep its command.",
             f"2. Wait {self.settle:g} s.  If T_sup then moves by more than 0.3 K in a minute, wait on, or stop.",
             f"3. Change the command by {step:.2g} % of the stroke every {_EACH:g} s, in the direction that brings T_sup"
             " back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
