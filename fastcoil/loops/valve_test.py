@@ -85,8 +85,8 @@ class ValveTest:
         """What a technician does with a stop-watch, step by step."""
         step = 100 * self.rate * _EACH
         return [
-            "Before: log command, T_sup and, if you can, m_a, T_a_in and T_w_in every 5 s, from an hour before the test. "
-            "Choose an hour in which load and water are steady and the valve is neither fully closed nor fully open.",
+            "Before: log command, T_sup and, if possible, m_a, T_a_in and T_w_in every 5 s, from an hour before the "
+            "test.  Choose an hour in which load and water are steady, the valve neither fully closed nor fully open.",
             f"Limits: if T_sup is ever more than {self.excursion:g} K from its set-point, or water, fan or set-point "
             "change, stop: give the valve back to the controller.",
             "1. Note the time, the set-point and the command.  Switch the valve to manual and keep its command.",
