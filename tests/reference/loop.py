@@ -35,6 +35,7 @@ SCALAR_TRACES = (
     "m_w",
     "estimate",
     "mode",
+    "test",
     "T_w_out",
     "W_sup",
     "wet_volumes",
@@ -173,6 +174,7 @@ def simulate(
         traces["m_w"].append(m_w)
         traces["estimate"].append(math.nan if open_loop else estimator.estimate)
         traces["mode"].append(0 if open_loop else controller.mode)
+        traces["test"].append(0)  # of the valve test, whose reference is ``valve_test``
         traces["T_w_out"].append(T_w[-1])
         traces["W_sup"].append(W_a[0])
         traces["wet_volumes"].append(wet_volumes)
@@ -206,7 +208,7 @@ def simulate(
     metrics["backlash_final"] = gap_after(p, travelled, scale[-1])
     metrics["size_error"] = metrics["estimate_settled"] - metrics["backlash_final"] if assumes else math.nan
     metrics.update(coil_metrics(traces["power"], traces["m_w"], condensates, counted, warm_up))
-    metrics.update(frost_time=frost_time, freeze_time=freeze_time, status=status)
+    metrics.update(frost_time=frost_time, freeze_time=freeze_time, status=status, test_aborted=0)
     return traces, metrics
 
 

@@ -27,6 +27,7 @@ METRICS = (
     "learning_status",
     "half_periods",
     "half_period_spread",
+    "test_aborted",
     "coil_energy",
     "coil_peak_power",
     "reheat_energy",

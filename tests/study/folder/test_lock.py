@@ -130,7 +130,7 @@ def test_a_lock_whose_file_was_removed_is_not_held(folder, monkeypatch):
         assert find_holder(folder) is not None
 
 
-@pytest.mark.parametrize("name", ["a\0b", "a" * 300, "\ud800", "b" * 200 + "/" + "a" * 256])
+@pytest.mark.parametrize("name", ["a\0b", "a" * 300, "\ud800"])
 def test_a_folder_that_cannot_be_is_refused(tmp_path, name):
     with pytest.raises(InputError, match="choose another folder with -o$"), hold(tmp_path / name):
         pass
