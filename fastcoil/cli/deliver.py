@@ -46,6 +46,13 @@ def write_report(result: Any, path: Path | None) -> None:
         say(f"Report:  {written(result, path)}")
 
 
+def write_found(found: Any, path: Path) -> None:
+    """Write the TOML of a result, for ``include`` in a study, and its figure beside it."""
+    found.to_toml(path)
+    say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
+    write_figure(found, path)
+
+
 def write_figure(found: Any, path: Path, format: str = "png") -> None:
     """Write the figure of a result beside ``path``, under its name."""
     from fastcoil.base.figures import write

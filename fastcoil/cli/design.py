@@ -13,7 +13,7 @@ import click
 from fastcoil.base.errors import InputError, missing_extra
 from fastcoil.base.files import require_file
 from fastcoil.cli.arguments import PATH, labels_of, pairs, with_scenario
-from fastcoil.cli.deliver import with_report, write_figure, write_report
+from fastcoil.cli.deliver import with_report, write_figure, write_found, write_report
 from fastcoil.cli.interrupts import interruptible
 from fastcoil.cli.terminal import announce_compilation, run_own_code, say
 
@@ -82,9 +82,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
             found = run_tuning(asked._replace(n_jobs=n_jobs), in_scenario_days(asked, shown))
         say(*found.summary(), "")
         path = folder / CHOSEN
-        found.to_toml(path)
-        say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
-        write_figure(found, path)
+        write_found(found, path)
         write_report(found, report)
 
 

@@ -11,7 +11,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, exists, has_mark, is_file, is_folder, require_file
 from fastcoil.base.text import aligned
 from fastcoil.cli.arguments import PATH, pairs
-from fastcoil.cli.deliver import with_report, write_figure, write_report
+from fastcoil.cli.deliver import with_report, write_found, write_report
 from fastcoil.cli.terminal import announce_compilation, say
 
 _FOUND = 1  # exit code of ``diagnose --fail``
@@ -96,9 +96,7 @@ def diagnose(
     found = diagnosed([data, *more] if more else data, **options)
     say(*found.summary())
     if out is not None:
-        found.to_toml(out)
-        say(f'Written: {out} (in a study: [loop] include = ["{out.name}"])')
-        write_figure(found, out)
+        write_found(found, out)
     write_report(found, report)
     if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
         sys.exit(_FOUND)
@@ -172,9 +170,7 @@ def read(data: Path, out: Path | None, **options: Any) -> None:
     found = read_test(data, **options)
     say(*found.summary())
     if out is not None:
-        found.to_toml(out)
-        say(f'Written: {out} (in a study: [loop] include = ["{out.name}"])')
-        write_figure(found, out)
+        write_found(found, out)
 
 
 _POINT = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."

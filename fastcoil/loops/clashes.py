@@ -23,6 +23,7 @@ from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.plant import worst_numbers
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import ESTIMATOR_GROUPS, PARAMETERS, STAND_INS
+from fastcoil.model.valve_test import FASTEST
 
 ONE_SET_POINT = 1.0
 """Set-points that lie closer together than this count as one, K: a record of a constant one drifts and has steps."""
@@ -207,10 +208,10 @@ def _test_clashes(loop: Loop) -> Iterator[str]:
     if words_used(loop, "law") != {"pi"}:
         yield "test_start with a law of your own: a valve test hands back to the PI, leave one out"
     rate, stroke_time = _values(loop, "test_rate", "stroke_time")
-    if ((rate * stroke_time) >= 1.0).any():
+    if (FASTEST * rate * stroke_time >= 1.0).any():
         yield (
-            f"test_rate = {float(rate.max()):g} 1/s: a motor of {float(stroke_time.max()):g} s for its stroke is "
-            "slower, give a lower rate"
+            f"test_rate = {float(rate.max()):g} 1/s: ramps take up to {FASTEST:g} times that, and a motor of "
+            f"{float(stroke_time.max()):g} s for its stroke is slower, give a lower rate"
         )
 
 

@@ -24,7 +24,8 @@ STARTS = 4  # places of the stem in its gap that are tried at first, where what 
 _UNLIKELY = 15.0  # logarithm of likelihood below the best from which lags and dead times are left out
 _COARSE = 8  # every so many candidates choose them
 INPUT_LAGS = (15.0, 60.0, 200.0)  # s, of each known disturbance
-_CLOSED, _TINY = 1e-3, 1e-9
+_SAME, _TINY = 1e-3, 1e-9
+"""Fraction of stroke within which all starts of the stem are one; share of a variance that is none."""
 
 
 class Response(NamedTuple):
@@ -70,7 +71,7 @@ def response(
     before = positions[: first + 1]
     low = stems(before, candidates, np.maximum(before[0] - candidates, 0.0))[-1]
     high = stems(before, candidates, np.full(candidates.size, before[0]))[-1]
-    n_starts = STARTS if np.max(high - low) > _CLOSED else 1
+    n_starts = STARTS if np.max(high - low) > _SAME else 1
     starts = low + (high - low) * np.linspace(0.0, 1.0, n_starts)[:, np.newaxis]
     places = np.moveaxis(stems(positions[first:], candidates, starts), 0, -1)
     openings = places / (1.0 - candidates[:, np.newaxis])

@@ -21,18 +21,14 @@ NO, EXCURSION, END_OF_STROKE, SWING, DISABLED = 0.0, 1.0, 2.0, 3.0, 4.0
 WATCHED, CALM = 60.0, 0.3
 """Last seconds of settling, and K that the temperature may move in them."""
 OVERSHOOT = 0.5
-"""K by which the temperature may run on beyond the threshold while the command holds: gain x rate x lag of the plant.
-Where it was more, the next ramp is slower."""
+"""K by which the temperature is to run on beyond the threshold while the command holds: gain x rate x lag of the plant.
+The next ramp has the rate at which it does."""
 SLOWEST, FASTEST, FASTER = 0.2, 4.0, 2.0
 """A ramp's least and greatest rate over the given one, and over that of the ramp before."""
 FARTHEST = 0.3
 """Fraction of stroke after which a ramp ends though the temperature has not passed the threshold."""
-
-
 AT_FIRST = 2.0
 """Times the limit that the error may reach before the first ramp has ended: a loop that hunts starts anywhere."""
-
-
 MEAN_TIME, SWINGS = 600.0, 0.05
 """Seconds that the mean of the command goes back over, and fraction of stroke off that mean from which a test begins
 at the mean: the command of a loop that swings widely is held in its middle, and not at an end of its swing."""
@@ -140,18 +136,6 @@ def step(e, command, enabled, p, memory):
     ends = aborted != NO or elapsed >= 60.0 * p.test_minutes
     since = 0.0 if phase != m.phase else since
     ramps = m.ramps + (1.0 if reached else 0.0)
-    after = Memory(
-        OFF if ends else phase,
-        elapsed,
-        since,
-        direction,
-        ramp,
-        turned_at,
-        m.reference,
-        lowest,
-        highest,
-        ramps,
-        m.mean,
-        aborted,
-    )
+    after = Memory(OFF if ends else phase, elapsed, since, direction, ramp, turned_at, m.reference, lowest, highest,
+                   ramps, m.mean, aborted)  # fmt: skip
     return command if aborted != NO else clipped(moved), after
