@@ -215,6 +215,30 @@ def _test_clashes(loop: Loop) -> Iterator[str]:
         )
 
 
+def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
+    """Refuse a valve test that would end after the ``seconds`` that are simulated, or in a loop that is not closed.
+
+    Warn of one that would start after them.
+    """
+    if loop["test_start"] is None:
+        return
+    if not closed:
+        raise InputError("test_start with a command: a valve test commands the valve itself, leave one out")
+    starts, minutes = _values(loop, "test_start", "test_minutes")
+    late = starts >= seconds
+    if late.any():
+        warnings.warn(
+            f"test_start = {float(starts.max()):g} s: the simulation ends at {seconds:,} s, there is no test",
+            stacklevel=5,
+        )
+    ends = (starts + 60.0 * minutes).where(~late, 0.0)
+    if (ends > seconds).any():
+        raise InputError(
+            f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s: start it "
+            "earlier, or give a longer day"
+        )
+
+
 def _is_changed(loop: Loop, name: str) -> bool:
     """Whether some scenario has another value than the default."""
     value = loop[name]

@@ -56,6 +56,7 @@ class Keywords(TypedDict, total=False):
     plant_gain: Value
     law: Literal["pi"] | Value
     test_start: Value
+    test_every: Value
     test_minutes: Value
     test_rate: Value
     test_threshold: Value

@@ -23,7 +23,7 @@ from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.assignment import SERIES_HINT, SHORTEST_SERIES
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
-from fastcoil.loops.clashes import check_clashes, check_stability, tell_doubts
+from fastcoil.loops.clashes import check_clashes, check_stability, check_test_times, tell_doubts
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Days, Layout, commands_of
 from fastcoil.model.engine.emulator import DAY_COLUMNS
@@ -242,6 +242,8 @@ def plan_simulation(
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
     check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
     check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
+    seconds = boundary.n_steps * (len(days) if carry_over else 1)
+    check_test_times(layout.loop, seconds, closed=commands is None)
     check_stability(layout)
     tell_doubts(layout.loop, boundary, closed=commands is None)
     return plan

@@ -26,6 +26,8 @@ class ValveTest:
     ----------
     start
         When it starts, s from the start of the day.
+    every
+        Days from one test to the next where days are a sequence; 0 for a single test.
     minutes
         How long it takes at most.
     rate
@@ -54,6 +56,7 @@ class ValveTest:
     """
 
     start: float = 0.0
+    every: float = 0.0
     minutes: float = float(PARAMETERS["test_minutes"].default or 0.0)
     rate: float = float(PARAMETERS["test_rate"].default or 0.0)
     threshold: float = float(PARAMETERS["test_threshold"].default or 0.0)

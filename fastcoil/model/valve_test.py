@@ -75,7 +75,8 @@ class Memory(NamedTuple):
 @exact
 def begin(T_set, p, memory):
     """Memory at the start of a test."""
-    return Memory(SETTLE, 0.0, 0.0, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, 0.0, memory.mean, NO)
+    before = -p.sample_time  # the first step is at 0
+    return Memory(SETTLE, before, before, 0.0, p.test_rate, 0.0, T_set, 0.0, 0.0, 0.0, memory.mean, NO)
 
 
 @exact
@@ -110,7 +111,7 @@ def step(e, command, enabled, p, memory):
     """
     m = memory
     elapsed, since = m.elapsed + p.sample_time, m.since + p.sample_time
-    begins = m.since == 0.0 or (m.phase == SETTLE and since <= p.test_settle - WATCHED)
+    begins = since <= 0.0 or (m.phase == SETTLE and since <= p.test_settle - WATCHED)
     lowest = e if begins or e < m.lowest else m.lowest
     highest = e if begins or e > m.highest else m.highest
 
@@ -132,10 +133,11 @@ def step(e, command, enabled, p, memory):
     aborted = END_OF_STROKE if m.phase == RAMP and at_end and m.direction * e > 0.0 else aborted
     limit = p.test_excursion * (AT_FIRST if m.ramps == 0.0 else 1.0)
     aborted = EXCURSION if abs(e) > limit else aborted
-    aborted = aborted if enabled else DISABLED
-    ends = aborted != NO or elapsed >= 60.0 * p.test_minutes
-    since = 0.0 if phase != m.phase else since
+    over = elapsed >= 60.0 * p.test_minutes
+    aborted = NO if over else (aborted if enabled else DISABLED)
+    ends = over or aborted != NO
+    changes = phase != m.phase
     ramps = m.ramps + (1.0 if reached else 0.0)
-    after = Memory(OFF if ends else phase, elapsed, since, direction, ramp, turned_at, m.reference, lowest, highest,
-                   ramps, m.mean, aborted)  # fmt: skip
+    after = Memory(OFF if ends else phase, elapsed, 0.0 if changes else since, direction, ramp, turned_at, m.reference,
+                   e if changes else lowest, e if changes else highest, ramps, m.mean, aborted)  # fmt: skip
     return command if aborted != NO else clipped(moved), after

@@ -37,7 +37,7 @@ def test_the_gentle_and_the_heating_form_take_changes():
     ("loop", "says"),
     [
         ({"test_rate": 0.001}, "test_rate without test_start: give the time"),
-        ({"test_start": 60, "test_rate": 0.02, "stroke_time": 90}, "a motor of 90 s for its stroke is slower"),
+        ({"test_start": 60, "test_rate": 0.01, "stroke_time": 90}, "a motor of 90 s for its stroke is slower"),
         ({"test_start": 60, "stroke_time": 400}, "up to 4 times that, and a motor of 400 s for its stroke is slower"),
         ({"test_start": -1}, "test_start = -1 s: must be at least 0"),
     ],

@@ -12,7 +12,7 @@ from fastcoil.model.metric_table import TEST_ABORTED
 from fastcoil.model.valve_test import FASTEST, OFF, SLOWEST, Memory
 
 GIVEN = {name.removeprefix("test_"): value for name, value in fc.ValveTest().parameters().items()}
-del GIVEN["start"]
+del GIVEN["start"], GIVEN["every"]
 
 
 def run(errors, command=0.5, sample_time=5.0, **changes):
@@ -44,8 +44,8 @@ def wander(seed, n, size):
 @pytest.mark.parametrize("size", [0.02, 0.06, 0.15])
 def test_the_commands_are_those_of_the_script_on_errors_that_wander(size, sample_time):
     reasons = set()
-    for seed in range(25):
-        more = {"settle": 120.0, "hold": 60.0 * (1 + seed % 2), "threshold": (0.1, 0.3)[seed % 3 // 2]}
+    for seed in range(40):
+        more = {"settle": 60.0 * (1 + seed % 4), "hold": 60.0 * (1 + seed % 2), "threshold": (0.1, 0.3)[seed % 3 // 2]}
         errors = wander(seed, int(1200 / sample_time), size * (sample_time / 5.0) ** 0.5)
         reasons.add(run(errors, (0.5, 0.03, 0.98)[seed % 3], sample_time, **more)[-1])
     assert "" in reasons if size < 0.1 else reasons >= {"swing", "end_of_stroke"}
@@ -72,7 +72,7 @@ def test_the_next_ramp_has_the_rate_at_which_the_temperature_runs_on_by_half_a_k
     assert valve_test.next_rate(GIVEN["rate"], ran_on, p) == pytest.approx(share * GIVEN["rate"])
 
 
-CALM = [0.1] * 12
+CALM = [0.1] * 13
 ENDS = {
     "excursion": ([*CALM, *[0.2] * 10, *[-0.5] * 5, -1.51], 0.5),
     "end_of_stroke": ([0.2] * 60, 0.95),
@@ -109,5 +109,5 @@ def test_a_study_sweeps_the_test(tmp_path):
     assert ds["test_aborted"].dims == ("test_start", "test_rate")
     for start in (1900, 2400):
         running = ds["elapsed_time"].values[ds["test"].sel(test_start=start, test_rate=1e-3).values > 0]
-        assert (running[0], running[-1]) == (start, start + 590)
+        assert (running[0], running[-1]) == (start, start + 595)
     assert (ds["command"].sel(test_rate=3e-4) != ds["command"].sel(test_rate=1e-3)).any()

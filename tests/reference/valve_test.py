@@ -15,7 +15,7 @@ def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle
 
     def look():
         """The next error, unless the test is over."""
-        if (len(found) + 1) * sample_time >= 60 * minutes:
+        if len(found) * sample_time >= 60 * minutes:
             raise Ended("")
         e = next(seen, None)
         if e is None:
@@ -29,10 +29,10 @@ def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle
         while True:
             e = look()
             waited.append(e)
-            if len(waited) * sample_time >= settle:
+            if (len(waited) - 1) * sample_time >= settle:
                 break
             found.append(command)
-        last = [k for k in range(len(waited)) if (k + 1) * sample_time <= settle - 60]
+        last = [k for k in range(len(waited)) if k * sample_time <= settle - 60]
         calm = waited[(last[-1] if last else 0) :]
         if max(calm) - min(calm) > 0.3:
             raise Ended("swing")
@@ -49,10 +49,10 @@ def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle
                 if at_end or direction * e < -threshold or abs(command - began) >= 0.3:
                     break
             found.append(command)
-            first_ramp, held = False, []
+            first_ramp, held = False, [e]
             while True:
                 held.append(look())
-                if len(held) * sample_time >= hold:
+                if (len(held) - 1) * sample_time >= hold:
                     break
                 found.append(command)
             ran_on = max(-direction * e for e in held) - threshold

@@ -115,6 +115,7 @@ class Translator(Formulas):
             "u": "s.u", "command": "s.command", "switches": "s.switches", "estimate": self.estimate,
         }  # fmt: skip
         seen: dict[str, Any] = {name: Number(expression(text)) for name, text in texts.items()}
+        seen["test"] = constant(0.0)
         seen["m_a"] = Number(expression("m_a"), needs=frozenset({"m_a >= 0.0"}))
         modes = (lambda: constant(1.0), lambda: constant(-1.0))
         seen["mode"] = self._either(expression("s.rising"), modes, "mode", "mode")

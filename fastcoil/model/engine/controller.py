@@ -37,6 +37,7 @@ CONTROL = Kind(ROWS, WHOLE, NUMBER, NUMBER, FLAG, NUMBER)
 """Stages that decide u and the command, see ``control_stage``."""
 call_control = CONTROL.call
 ADDITIVE, SMOOTH = (float(PARAMETERS["compensation"].choices.index(word)) for word in ("additive", "smooth"))
+DAY = 86400.0  # s
 MEASURED = float(PARAMETERS["buffer_noise"].choices.index("measured"))
 
 
@@ -141,6 +142,8 @@ def control(S, t, T_set, noise, enabled, counts_switches, parts):
             is_smooth = S[R.compensation + j] == SMOOTH
             command = smooth(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if is_smooth else command
             moves = (due or u != S[R.u + j]) if is_smooth else moves
+        if parts.has_test:
+            moves = moves and S[R.test + j] == 0.0
         S[R.integral + j] = integral
         S[R.u + j] = u
         S[R.command + j] = command if moves else S[R.command + j]
@@ -162,7 +165,10 @@ def run_test(S, t, T_set, noise, enabled):
         )  # fmt: skip
         before = values_at(valve_test.Memory, S, R.test_phase + j, LANES)
         waits = t - S[R.test_start + j]
-        starts = due and enabled and waits >= 0.0 and waits < S[R.sample_time + j]
+        every = DAY * S[R.test_every + j]
+        waits = waits % every if waits > 0.0 and every > 0.0 else waits
+        asked = due and waits >= 0.0 and waits < S[R.sample_time + j]
+        starts = asked and enabled
         held = valve_test.held_command(S[R.command + j], before) if starts else S[R.command + j]
         memory = valve_test.begin(T_set, p, before) if starts else before
         runs = memory.phase != valve_test.OFF
@@ -170,7 +176,8 @@ def run_test(S, t, T_set, noise, enabled):
         sign = S[R.sign + j]
         command, after = valve_test.step(sign * (y - memory.reference), held, enabled, p, memory)
         after = after if runs else valve_test.mean_of(S[R.command + j], p, before)
-        keep(acts, after, before, S, R.test_phase + j, LANES)
+        keep(acts and (runs or enabled), after, before, S, R.test_phase + j, LANES)
+        S[R.test_aborted + j] = valve_test.DISABLED if asked and not enabled else S[R.test_aborted + j]
         runs = S[R.test_phase + j] != valve_test.OFF
         S[R.test + j] = 1.0 if runs else 0.0
         mode = after.direction if after.direction != 0.0 else S[R.mode + j]

@@ -57,7 +57,7 @@ def estimator_stage(estimator: Estimator) -> Any:
     memory_at, every_call = len(Parameters._fields) * LANES, estimator.periods is not None
     has_start, has_confirms = start is not None, confirms is not None
     words, arrays_at = estimator.words, memory_at + len(Memory._fields) * LANES
-    has_array = words > 0
+    has_array, sees_test = words > 0, estimator.sees_test
 
     def estimate(S, own, t, T_set, m_a, enabled, begins):
         if begins:
@@ -72,10 +72,10 @@ def estimator_stage(estimator: Estimator) -> Any:
             memory = values_at(Memory, own, memory_at + j, LANES)
             now = Sample(
                 t, T_set, m_a, S[R.T_seen + j], S[R.e_seen + j], S[R.u + j], S[R.command + j], S[R.mode + j],
-                S[R.switches + j], S[R.estimate + j],
+                S[R.switches + j], S[R.estimate + j], S[R.test + j],
             )  # fmt: skip
             samples = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-            due = (samples & enabled) | every_call
+            due = ((samples & enabled) | every_call) & (sees_test | (S[R.test + j] == 0.0))
             if has_array:
                 if not due:
                     continue
@@ -122,7 +122,7 @@ def law_stage(law: Law) -> Any:
                 e = S[R.sign + j] * (y - T_set)
                 now = Sample(
                     t, T_set, m_a, y, e, S[R.u + j], S[R.command + j], S[R.mode + j], S[R.switches + j],
-                    S[R.estimate + j],
+                    S[R.estimate + j], S[R.test + j],
                 )  # fmt: skip
                 u, after = step(now, p, memory)
                 due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t

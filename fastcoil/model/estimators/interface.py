@@ -57,6 +57,8 @@ class Sample(NamedTuple):
     """Mode switches since the start."""
     estimate: float
     """The estimate so far, fraction of stroke."""
+    test: float
+    """1 while a valve test runs.  Estimators that do not read it are not called then."""
 
 
 def defaults_of(Memory: Any) -> tuple[float, ...]:  # noqa: N803 — a class
@@ -101,7 +103,15 @@ class Estimator:
     @property
     def sees_air(self) -> bool:
         """Whether it reads the air flow."""
-        return "m_a" in getattr(self.step, "py_func", self.step).__code__.co_names
+        return self._reads("m_a")
+
+    @property
+    def sees_test(self) -> bool:
+        """Whether it reads that a valve test runs."""
+        return self._reads("test")
+
+    def _reads(self, name: str) -> bool:
+        return name in getattr(self.step, "py_func", self.step).__code__.co_names
 
     def is_watching(self, rows: Mapping[str, np.ndarray]) -> bool:
         """Whether T and e are kept for it in a block."""

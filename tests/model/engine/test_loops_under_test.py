@@ -8,7 +8,7 @@ import fastcoil as fc
 
 pytestmark = pytest.mark.kernel
 START = 5400
-TRACES = ["T_measured", "command", "u", "integral", "test"]
+TRACES = ["T_measured", "command", "u", "integral", "mode", "test"]
 CALM = {"kp": 0.02, "ti": 120.0, "noise_std": 0.01, "stroke_time": 60.0}
 
 
@@ -51,7 +51,7 @@ def test_the_command_is_that_of_a_script_on_the_same_temperatures(steady, kind, 
     for command in before[1:]:
         mean += sample_time / (600 + sample_time) * (command - mean)
     held = mean if abs(before[-1] - mean) > 0.05 else before[-1]
-    given = {n.removeprefix("test_"): v for n, v in test.parameters().items() if n != "test_start"}
+    given = {n.removeprefix("test_"): v for n, v in test.parameters().items() if n not in ("test_start", "test_every")}
     commands, why = valve_test(errors, held, sample_time, **given)
     np.testing.assert_allclose(at.command.values[first : first + len(commands)], commands, rtol=0, atol=1e-12)
     runs = at.test.values > 0
@@ -64,16 +64,21 @@ def test_the_command_is_that_of_a_script_on_the_same_temperatures(steady, kind, 
 @pytest.mark.parametrize("compensation", ["inverse", "additive", "smooth"])
 @pytest.mark.parametrize("estimate", [0.0, 0.06])
 def test_the_pi_goes_on_without_a_bump(steady, compensation, estimate):
-    """What it asks of the valve: where it turns at once, its inverse crosses the gap."""
-    ds = under_test(steady, backlash=0.06, backlash_estimate=estimate, compensation=compensation)
-    end = int(np.flatnonzero(ds.test.values)[-1])
-    after = end + 1
-    e = ds.T_measured.values - 14.0
-    kp, ki = CALM["kp"], CALM["kp"] * 5 / CALM["ti"]
-    step = kp * abs(e[after] - e[after - 5]) + ki * abs(e[after])
-    assert abs(ds.u.values[after] - ds.u.values[end]) <= step + 1e-12
-    if estimate == 0.0:
-        assert abs(ds.command.values[after] - ds.command.values[end]) <= step + 1e-12
+    """Where it turns at once, its inverse crosses the gap; the smooth one goes on from the middle of it."""
+    turned = []
+    for minutes in (16, 17, 18, 19, 20):
+        test = fc.ValveTest(start=START, minutes=minutes)
+        ds = under_test(steady, test, backlash=0.06, backlash_estimate=estimate, compensation=compensation)
+        end = int(np.flatnonzero(ds.test.values)[-1])
+        after = end + 1
+        e = ds.T_measured.values - 14.0
+        kp, ki = CALM["kp"], CALM["kp"] * 5 / CALM["ti"]
+        step = kp * abs(e[after] - e[after - 5]) + ki * abs(e[after])
+        assert abs(ds.u.values[after] - ds.u.values[end]) <= step + 1e-12
+        turned.append(ds.mode.values[after] != ds.mode.values[end])
+        crossed = estimate * (0.5 if compensation == "smooth" else turned[-1])
+        assert abs(ds.command.values[after] - ds.command.values[end]) <= step + crossed + 1e-12
+    assert not all(turned)
 
 
 def test_the_set_point_of_the_start_counts(steady):
@@ -104,9 +109,10 @@ def test_it_ends_where_water_swings_while_the_command_is_held(steady):
     assert ds.test.values.sum() <= 60
 
 
-def test_it_ends_where_a_shut_valve_leaves_the_air_too_cold(steady):
+@pytest.mark.parametrize("compensation", ["inverse", "additive", "smooth"])
+def test_it_ends_where_a_shut_valve_leaves_the_air_too_cold(steady, compensation):
     cold = steady.assign(T_a_in=np.where(np.arange(10800) > START - 3000, 13.0, 25.0), W_a_in=0.006)
-    ds = under_test(cold, backlash=0.05)
+    ds = under_test(cold, backlash=0.05, backlash_estimate=0.05, compensation=compensation)
     assert flag(ds) == "end_of_stroke"
 
 
@@ -121,9 +127,10 @@ def test_it_ends_where_the_loop_goes_off(steady):
 def test_lanes_without_a_test_keep_their_bits_beside_lanes_with_one(steady):
     loop = fc.Loop.preset("lbnl").assign(**CALM, sample_time=5, backlash=0.05)
     alone = fc.simulate(loop, steady, traces=["command"])
-    beside = fc.simulate(loop.assign(test_start=[5400, 1e6]), steady, traces=["command", "test"])
+    with pytest.warns(UserWarning, match="there is no test"):
+        beside = fc.simulate(loop.assign(test_start=[5400, 1e6]), steady, traces=["command", "test"])
     np.testing.assert_array_equal(beside.command.sel(test_start=1e6).values, alone.command.values)
-    assert beside.test.sum("elapsed_time").values.tolist() == [1195.0, 0.0]
+    assert beside.test.sum("elapsed_time").values.tolist() == [1200.0, 0.0]
     assert (beside.test_aborted == 0).all()
 
 
@@ -133,10 +140,47 @@ def test_a_loop_that_swings_widely_is_held_at_its_mean_and_calms_down(steady):
     assert np.ptp(before) > 0.3
     held = ds.command.values[START]
     assert abs(held - before.mean()) < 0.1 * np.ptp(before)
-    assert (ds.command.values[START : START + 295] == held).all()
+    assert (ds.command.values[START : START + 300] == held).all()
     assert (
         np.ptp(ds.T_measured.values[START - 600 : START])
         > 2.0
         > np.ptp(ds.T_measured.values[START + 200 : START + 300])
     )
     assert flag(ds) == "no"
+
+
+def test_a_test_that_is_due_while_the_plant_is_off_is_said_to_have_been_disabled(steady):
+    off = steady.assign(enabled=(np.arange(3 * 3600) > 6000).astype(float))
+    ds = under_test(off, backlash=0.05)
+    assert flag(ds) == "disabled"
+    assert not ds.test.values.any()
+
+
+def test_the_mean_command_leaves_out_the_time_off(steady):
+    off = (np.arange(3 * 3600) >= 3000) & (np.arange(3 * 3600) < 5300)
+    ds = under_test(steady.assign(enabled=1.0 - off), fc.ValveTest(start=START, excursion=9.0), backlash=0.0, ti=1000.0)
+    command, mean = ds.command.values, 0.0
+    for t in range(5, START, 5):
+        mean += 0.0 if off[t] else 5 / 605 * (command[t - 1] - mean)
+    assert abs(command[START - 1] - mean) > 0.05
+    assert command[START] == pytest.approx(mean, abs=1e-12)
+
+
+@pytest.mark.parametrize("estimator", ["learner", "gradient", "hagglund"])
+def test_estimators_pause_during_a_test(steady, estimator):
+    own = {"learner": {"learning_step": 0.005, "learning_interval": 600}, "hagglund": {"plant_gain": 15.0}}
+    words = {"estimator": estimator} | own.get(estimator, {})
+    loop = fc.Loop.preset("lbnl").assign(sample_time=5, backlash=0.08, kp=0.06, ti=20, noise_std=0.02, **words)
+    ds = fc.simulate(loop, steady, test=fc.ValveTest(start=START, excursion=5.0), traces=["estimate", "test"], seed=1)
+    during = ds.estimate.values[ds.test.values > 0]
+    assert np.unique(during).size == 1
+    assert np.unique(ds.estimate.values).size > 1
+
+
+@pytest.mark.parametrize(("every", "tested"), [(0.0, [1, 0, 0, 0]), (0.25, [1, 0, 1, 0]), (0.125, [1, 1, 1, 1])])
+def test_days_in_sequence_are_tested_as_often_as_asked(every, tested):
+    days = fc.paper_day(hours=3, seed=[1, 2, 3, 4])
+    loop = fc.Loop.preset("lbnl").assign(**CALM, sample_time=5, backlash=0.05)
+    test = fc.ValveTest(start=START, every=every, minutes=10, excursion=5.0)
+    ds = fc.simulate(loop, days, test=test, traces=["test"], carry_over=True)
+    assert (ds.test.sum("elapsed_time").values / 600).tolist() == tested

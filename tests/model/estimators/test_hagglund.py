@@ -26,7 +26,7 @@ def fed(errors, p=PLAIN, u=0.5, estimate=0.0):
     memory, found = start(p), []
     for k, e in enumerate(errors):
         t = (k + 1.0) * p.sample_time
-        estimate, memory = step(Sample(t, 14.0, 1.0, 14.0 + e, e, u, 0.5, 1.0, 0.0, estimate), p, memory)
+        estimate, memory = step(Sample(t, 14.0, 1.0, 14.0 + e, e, u, 0.5, 1.0, 0.0, estimate, 0.0), p, memory)
         found.append(float(estimate))
     return np.array(found), memory
 

@@ -104,7 +104,7 @@ def test_a_compiled_law_answers_as_its_python_to_the_sample_that_the_traces_show
     switches = np.cumsum(np.diff(mode, prepend=-1.0) != 0.0)
     for t in range(30, u.size, 30):
         before = (u[t - 1], command[t - 1], mode[t - 1], float(switches[t - 1]))
-        now = Sample(float(t), T_set[t], m_a[t], T[t], T[t] - T_set[t], *before, estimate[t])
+        now = Sample(float(t), T_set[t], m_a[t], T[t], T[t] - T_set[t], *before, estimate[t], 0.0)
         assert u[t] == pytest.approx(all_fields(now, None, Memory())[0], abs=1e-9)
 
 
