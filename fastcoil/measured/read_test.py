@@ -23,7 +23,7 @@ from fastcoil.measured.identify import CANDIDATES, USUAL_STROKE_TIME, Identifica
 from fastcoil.measured.measures import running_mean
 from fastcoil.measured.part import runs, turns
 from fastcoil.measured.valve_reading import ValveReading
-from fastcoil.measured.valve_response import Response, response
+from fastcoil.measured.valve_response import SKEWS, Response, response
 
 WANTED = Wanted(
     needed=("command", "T_sup"),
@@ -95,6 +95,12 @@ def read_test(
     command = held(grid.values["command"][: window.stop])
     positions = motor_positions(command, grid.interval, stroke_time)[:-1]
     found, answer = _gap_of(grid, positions, first, last, window)
+    if answer.dead_time in SKEWS:
+        order = "after" if answer.dead_time < 0.0 else "before"
+        notes.append(
+            f"the command seems to be logged {abs(answer.dead_time):g} s {order} the temperature: the gap is read as if "
+            "it were, log both by one clock"
+        )
     swing, held_for = _held(grid, command, first, last)
     cause = _cause(grid, stroke_time, first, found, (swing, held_for))
     return ValveReading(
@@ -132,9 +138,13 @@ def _thinned(name: str, grid: Grid) -> Grid:
 def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, notes: list[str]) -> tuple[int, int]:
     """First row of the test, and the first after it."""
     if between is not None:
+        if between[1] > grid.time[-1] + grid.interval:
+            raise InputError(
+                f"between ends at {between[1]:g} s, the log at {grid.time[-1]:g} s: give seconds from the start of the log"
+            )
         inside = (grid.time >= between[0]) & (grid.time <= between[1])
     elif "test" in grid.values:
-        inside = np.nan_to_num(grid.values["test"]) > 0.0
+        inside = np.nan_to_num(held(grid.values["test"])) > 0.0
     else:
         raise InputError(f"{name}: no column test: say when the test ran (between, --between START END)")
     found = runs(inside)
@@ -161,7 +171,9 @@ def _gap_of(
     elif not turns(positions[first:last], LEAST_TURN):
         doubt = "the command does not turn back in the test, and a gap shows at turns only: test again, for longer"
     answer = response(held(T), positions, window.start, first, grid.interval, inputs, CANDIDATES)
-    if not doubt and answer.explained < LEAST_EXPLAINED:
+    if not doubt and abs(answer.dead_time) >= max(SKEWS):
+        doubt = "command and temperature are logged minutes apart: log both by one clock, and test again"
+    elif not doubt and answer.explained < LEAST_EXPLAINED:
         doubt = (
             f"the command explains {100 * max(answer.explained, 0.0):.0f} % of what the temperature did: something "
             "else moves it, test again when water and air are calm"

@@ -16,6 +16,9 @@ from fastcoil.base.arrays import Array
 LAGS = (8.0, 15.0, 25.0, 40.0, 65.0, 100.0, 150.0)
 """Lags that are tried, in pairs, s: sensor, metal, water and air of a coil."""
 DEAD_TIMES = (0.0, 10.0, 20.0)  # s
+SKEWS = (-150.0, -120.0, -90.0, -60.0, -30.0, 40.0, 60.0, 90.0, 120.0, 150.0)
+"""Dead times of a log whose command and temperature have clocks of their own, s; negative: the command is late."""
+_SKEWED = 3.0  # logarithm of how much less likely than clocks that agree
 AR, MA = (0.0, 0.5, 0.8, 0.95), (0.0, 0.4, 0.7, 0.85, 0.95)
 """Of the changes of the drift: memory from sample to sample, and the share that the noise of the sensor takes back."""
 _TYPICAL = (0.5, 0.8)  # of these two, with which lags and dead times are chosen
@@ -65,8 +68,8 @@ def response(
         return np.asarray(lfilter([1.0 - a], [1.0, -a], series, axis=-1, zi=a * series[..., :1])[0])
 
     def late(series: Array, dead_time: float) -> Array:
-        n = round(dead_time / interval)
-        return np.concatenate([np.repeat(series[..., :1], n, axis=-1), series[..., : series.shape[-1] - n]], axis=-1)
+        rows = np.arange(series.shape[-1]) - round(dead_time / interval)
+        return np.take(series, rows, axis=-1, mode="clip")
 
     before = positions[: first + 1]
     low = stems(before, candidates, np.maximum(before[0] - candidates, 0.0))[-1]
@@ -97,12 +100,15 @@ def response(
         doubt = np.log1p(square * LARGEST_GAIN**2 / variance)
         return np.asarray(-0.5 * (n * np.log(variance) + doubt)), np.asarray(gain)
 
-    dynamics = [(slow, fast, dead) for i, slow in enumerate(LAGS) for fast in LAGS[: i + 1] for dead in DEAD_TIMES]
+    dynamics = [
+        (slow, fast, dead) for i, slow in enumerate(LAGS) for fast in LAGS[: i + 1] for dead in (*DEAD_TIMES, *SKEWS)
+    ]
 
     def answered(slow: float, fast: float, dead: float, every: int = 1) -> Array:
         return late(lagged(lagged(openings[:, ::every], slow), fast), dead)
 
-    coarse = [float(evidence(answered(*one, _COARSE), *_TYPICAL)[0].max()) for one in dynamics]
+    prior = {dead: 0.0 for dead in DEAD_TIMES} | {dead: -_SKEWED for dead in SKEWS}
+    coarse = [float(evidence(answered(*one, _COARSE), *_TYPICAL)[0].max()) + prior[one[-1]] for one in dynamics]
     likely = [one for one, found in zip(dynamics, coarse, strict=True) if found > max(coarse) - _UNLIKELY]
     total, best = np.full(candidates.size, -np.inf), (-np.inf, (0.0, 0.0, 0.0), 0, 0, 0.0)
     for dynamic in likely:
@@ -110,6 +116,7 @@ def response(
         for ar in AR:
             for ma in MA:
                 found, gains = evidence(answers, ar, ma)
+                found = found + prior[dynamic[-1]]
                 total = np.logaddexp(total, np.logaddexp.reduce(found, axis=0))
                 at = np.unravel_index(int(found.argmax()), found.shape)
                 if found[at] > best[0]:

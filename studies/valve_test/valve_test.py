@@ -33,6 +33,7 @@ class Case(NamedTuple):
 
     changed: parameters of the loops; swing: a series of the boundary, and by how much it swings every 10 min.  inputs:
     whether air and entering water are logged.  logged: s.  stroke_time: what the reader is told over what is true.
+    late: s by which the command is logged after the temperature.
     command: in place of the test, the command from its start on, given that of the start: (n,) at every second.
     """
 
@@ -43,6 +44,7 @@ class Case(NamedTuple):
     inputs: bool = False
     logged: int = LOGGED
     stroke_time: float = 1.0
+    late: int = 0
     command: Callable[[float], np.ndarray] | None = None
 
 
@@ -68,6 +70,11 @@ HARDER = {
     "authority 0.02 to 0.1": Case(Population(CONSTANT, authority=(0.02, 0.1))),
     "stroke time told is half the true one": Case(stroke_time=0.5),
     "logged every 15 s": Case(logged=15),
+    "command logged 30 s late": Case(late=30),
+    "command logged 45 s late": Case(late=45),
+    "command logged 2 min late": Case(late=120),
+    "command logged 2 min early": Case(late=-120),
+    "command logged 5 min late": Case(late=300),
     "water swings by ± 0.5 K": Case(swing=("T_w_in", 0.5)),
     "water swings by ± 1 K": Case(swing=("T_w_in", 1.0)),
     "water swings by ± 2 K": Case(swing=("T_w_in", 2.0)),
@@ -150,7 +157,11 @@ def log_of(of: Simulated, case: Case, sample: int, day: int) -> xr.Dataset:
     log = log.astype(float).reset_coords(drop=True).rename(T_measured="T_sup")
     for name in log:
         log[name].attrs = {"units": UNITS.get(str(name), "degC")}
-    time = np.arange(log.sizes["elapsed_time"]) * float(case.logged)
+    rows = np.arange(log.sizes["elapsed_time"])
+    logged_late = np.clip(rows - case.late // case.logged, 0, rows[-1])
+    for name in ("command", "test"):
+        log[name].values = log[name].values[logged_late]
+    time = rows * float(case.logged)
     return log.assign_coords(elapsed_time=("elapsed_time", time, {"units": "s"}))
 
 

@@ -74,7 +74,8 @@ def test_a_csv_file_gives_the_same_and_so_does_the_time_of_the_test(logs, found,
         (lambda log: log.assign(test=0 * log.test), {}, "the log holds no test"),
         (lambda log: log.isel(elapsed_time=slice(None, None, 6)), {}, "a sample every 30 s: log the test every 5 s"),
         (lambda log: log, {"between": (6000, 5000)}, "the end is not after the start"),
-        (lambda log: log, {"between": (90000, 91000)}, "the log holds no test"),
+        (lambda log: log, {"between": (5400, 90000)}, "between ends at 90000 s, the log at 10790 s"),
+        (lambda log: log, {"between": (5401, 5402)}, "the log holds no test"),
         (lambda log: log, {"between": 5}, "between = 5: give start and end in seconds"),
         (lambda log: log, {"stroke_time": -1}, "stroke_time = -1"),
         (lambda log: log.assign(T_measured=log.T_measured * 0.0 + 14.0), {}, "T_sup does not move in the test"),
@@ -99,6 +100,36 @@ def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs):
     other = log.assign(T_measured=14.0 + np.sin(log.elapsed_time / 40.0))
     outside = fc.read_test(other.assign(T_measured=other.T_measured.assign_attrs(units="degC")))
     assert not outside.identified
+
+
+def late(log, seconds):
+    """A log whose command is logged so many seconds after the temperature, or before it."""
+    rows = np.clip(np.arange(log.sizes["elapsed_time"]) - seconds // 5, 0, log.sizes["elapsed_time"] - 1)
+    moved = {name: log[name].copy(data=log[name].values[rows]) for name in ("command", "test")}
+    return log.assign(moved)
+
+
+@pytest.mark.parametrize(("seconds", "order"), [(60, "after"), (120, "after"), (-90, "before")])
+def test_two_clocks_are_found_out_and_allowed_for(logs, seconds, order):
+    r = fc.read_test(late(logs[0.08], seconds), stroke_time=90)
+    assert r.identified
+    assert abs(r.backlash - 0.08) <= 0.016
+    assert any(f"s {order} the temperature" in note for note in r.notes)
+
+
+def test_clocks_that_are_minutes_apart_are_refused(logs, found):
+    r = fc.read_test(late(logs[0.08], 180), stroke_time=90)
+    assert not r.identified
+    assert "logged minutes apart" in r.reason
+    assert not any("the command seems" in note for note in found.notes)
+
+
+def test_a_test_with_a_hole_in_its_log_is_one_test(logs):
+    log = logs[0.08]
+    rows = np.arange(log.sizes["elapsed_time"])
+    r = fc.read_test(log.isel(elapsed_time=(rows < 1200) | (rows >= 1210)), stroke_time=90, drop=True)
+    assert r.minutes == pytest.approx(30.0, abs=0.5)
+    assert not any("tests" in note for note in r.notes)
 
 
 def test_of_several_tests_the_last_is_read(logs, found):
