@@ -98,8 +98,8 @@ def read_test(
     if answer.dead_time in SKEWS:
         order = "after" if answer.dead_time < 0.0 else "before"
         notes.append(
-            f"the command seems to be logged {abs(answer.dead_time):g} s {order} the temperature: the gap is read as if "
-            "it were, log both by one clock"
+            f"the command seems to be logged {abs(answer.dead_time):g} s {order} the temperature, and the gap is read "
+            "as if it were: log both by one clock"
         )
     swing, held_for = _held(grid, command, first, last)
     cause = _cause(grid, stroke_time, first, found, (swing, held_for))
@@ -140,7 +140,8 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
     if between is not None:
         if between[1] > grid.time[-1] + grid.interval:
             raise InputError(
-                f"between ends at {between[1]:g} s, the log at {grid.time[-1]:g} s: give seconds from the start of the log"
+                f"between ends at {between[1]:g} s, the log at {grid.time[-1]:g} s: give seconds from the start of the "
+                "log"
             )
         inside = (grid.time >= between[0]) & (grid.time <= between[1])
     elif "test" in grid.values:
