@@ -267,7 +267,7 @@ _TABLE = (
               label="reckoned stroke time"),
     _positive("identify_memory", "identify", "s", 86400.0,
               "time after which what was seen counts 1/e as much; only time within 2 h of a step of the set-point "
-              "counts or passes", label="memory"),
+              "and of valve tests counts or passes", label="memory"),
     _positive("identify_interval", "identify", "s", 600.0, "time between comparisons of the possible sizes",
               label="interval of comparisons"),
     Parameter("identify_certainty", "identify", "1", 0.7,

@@ -5,9 +5,9 @@ temperature is fitted to each: the change of the temperature over a horizon, fro
 and the last changes of the opening behind the candidate, as in ``fastcoil.measured.identify``.  The
 candidates that fit best are the likely ones.  After Jelali (2008), done recursively.
 
-Only the hours after a step of the set-point count, and not the minutes after a step of the air flow.  Between steps the
-command follows the temperature and nothing else, and a stem that stands still looks like one without a gap.  Nothing is
-forgotten meanwhile.
+Only the hours after a step of the set-point and the time of a valve test count, and not the minutes after a step of the
+air flow.  Otherwise the command follows the temperature and nothing else, and a stem that stands still looks like one
+without a gap.  Nothing is forgotten meanwhile.
 
 What the candidates share is summed once.  All is in one array of WORDS floats, the candidates innermost, so that loops
 over them run as vectors.
@@ -265,8 +265,8 @@ HORIZON = 30.0
 """Seconds over which the model foretells: long against the noise of a sensor, short against a coil."""
 SET_POINT_STEP = 0.1
 """A change of the set-point between two samples that is a step, K."""
-PROVOKED = 7200.0
-"""Seconds after a step that count."""
+PROVOKED, TESTED = 7200.0, 600.0
+"""Seconds after a step, and after a valve test, that count."""
 AIR_FLOW_STEP, DISTURBED = 0.05, 300.0
 """A change of the air flow in a horizon, as a share of it, after which nothing counts for so many seconds."""
 AT_END = 600.0
@@ -404,6 +404,9 @@ def step(now, p, memory, w):
     move_stems(w, position, ran, p.identify_stroke_time, elapsed)
 
     steps = abs(now.T_set - memory.T_set) >= SET_POINT_STEP
+    counts_until = now.t + PROVOKED if steps else memory.counts_until
+    after_test = now.t + TESTED
+    counts_until = after_test if now.test > 0.0 and after_test > counts_until else counts_until
     compares = now.t >= memory.compares_at
     x_hat = now.estimate
     if compares and added > 0.0 and rows >= LEAST_ROWS and compare(w, rows):
@@ -413,7 +416,7 @@ def step(now, p, memory, w):
         memory.decay,
         now.t,
         now.T_set,
-        now.t + PROVOKED if steps else memory.counts_until,
+        counts_until,
         left_end_at,
         position,
         place if ends else memory.moved + place,

@@ -184,3 +184,15 @@ def test_days_in_sequence_are_tested_as_often_as_asked(every, tested):
     test = fc.ValveTest(start=START, every=every, minutes=10, excursion=5.0)
     ds = fc.simulate(loop, days, test=test, traces=["test"], carry_over=True)
     assert (ds.test.sum("elapsed_time").values / 600).tolist() == tested
+
+
+@pytest.mark.parametrize("size", [0.0, 0.04, 0.1])
+def test_identify_learns_from_a_test_what_a_steady_day_does_not_tell(steady, size):
+    loop = fc.Loop.preset("lbnl").assign(**CALM, sample_time=5, backlash=size, estimator="identify")
+    test = fc.ValveTest(start=START, minutes=45)
+    without = fc.simulate(loop, steady, traces=["estimate"], seed=1)
+    ds = fc.simulate(loop, steady, test=test, traces=["estimate", "test"], seed=1)
+    assert float(without.estimate_final) == 0.0
+    assert abs(float(ds.estimate_final) - size) <= max(0.2 * size, 0.01)
+    assert (ds.estimate.values[:START] == 0.0).all()
+    assert np.unique(ds.estimate.values[START + 45 * 60 + 1200 :]).size == 1

@@ -1,0 +1,104 @@
+"""What a controller gains that tests its own valve once a week, and what the test costs and harms.
+
+Weeks of five days of 8 h in sequence; the test runs on the first day of each, half an hour after its start, and
+``estimator = "identify"`` learns from it.  Valves and loops are drawn like those of ``identify_online``, the gains as
+somebody left them.  Right means: within 20 % of the true backlash or 1 % of the stroke.  Harm is measured on the days
+without a test, against plain PI with the same gains, days and noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import fastcoil as fc
+from fastcoil.measured.identify import GOOD, TOLERANCE
+from studies.common import share_of, write_table
+from studies.days import CONSTANT, DESIGN, HEATING, HOURS, STEPPED, WEATHER, kinds, of_kind, settings
+from studies.learning.identify_online import IDENTIFY, WORSE, population
+
+SEED, VALVES = 9661, 256
+SEQUENCES, WEEKS, DAYS_A_WEEK = 4, 2, 5
+WEEKLY: dict[str, Any] = {"start": 1800, "every": DAYS_A_WEEK * HOURS / 24}
+GENTLE = fc.ValveTest.gentle(**WEEKLY)
+"""Days of operation alone count here: a week has 40 hours."""
+TESTS: Mapping[str, Mapping[str, fc.ValveTest | None]] = {
+    CONSTANT: {"none": None, "gentle, 45 min": GENTLE, "45 min": fc.ValveTest(minutes=45, **WEEKLY),
+               "20 min": fc.ValveTest(**WEEKLY)},
+    DESIGN: {"none": None, "gentle, 45 min": GENTLE},
+    STEPPED: {"none": None, "gentle, 45 min": GENTLE},
+    HEATING: {"none": None, "heating, 30 min": fc.ValveTest.heating(**WEEKLY)},
+    WEATHER: {"none": None, "gentle, 45 min": GENTLE},
+}  # fmt: skip
+
+
+def weeks(kind: str, seed: int) -> fc.Boundary:
+    """Days of a kind in sequence."""
+    return of_kind(kind, [100 * seed + k for k in range(WEEKS * DAYS_A_WEEK)])
+
+
+def tested(kind: str, test: fc.ValveTest | None, seed: int = SEED, n: int = VALVES) -> xr.Dataset:
+    """What identification with this test does, beside plain PI: (sample, day), a ``day`` being a sequence of them."""
+    loop = population(seed, n, heating=kind == HEATING).assign(**settings(kind))
+    true = xr.DataArray(loop["backlash"]).values
+    parts = []
+    for sequence in range(SEQUENCES):
+        days = weeks(kind, seed + sequence)
+        how: dict[str, Any] = {"seed": seed + sequence, "carry_over": True}
+        plain = fc.simulate(loop, days, **how)
+        found = fc.simulate(loop.assign(**IDENTIFY), days, test=test, **how)
+        days_of_test = found.day.copy(data=np.arange(found.sizes["day"]) % DAYS_A_WEEK == 0)
+        rise = found.rmse / plain.rmse - 1.0
+        after = found.estimate_final.isel(day=slice(DAYS_A_WEEK - 1, None, DAYS_A_WEEK))
+        first, last = (after.isel(day=k).reset_coords(drop=True) for k in (0, -1))
+        parts.append(
+            xr.Dataset(
+                {
+                    "first": first,
+                    "last": last,
+                    "highest": found.estimate_final.max("day"),
+                    "rise": rise.where(~days_of_test).mean("day"),
+                    "on_test_days": rise.where(days_of_test).mean("day"),
+                },
+            ).reset_coords(drop=True)
+        )  # fmt: skip
+    ds = xr.concat(parts, "day").transpose("sample", "day")
+    return ds.assign(true=("sample", true))
+
+
+HEAD = (
+    "days", "test", "estimate right after 1 week · 2 weeks, worn valves", "of the estimates right", "too large",
+    "good valves accused", "RMSE of worn valves on other days: median, %", "on days of a test, %",
+    "more than 1 % worse, worn", "more than 1 % worse, good",
+)  # fmt: skip
+
+
+def row(ds: xr.Dataset) -> list[str]:
+    """What a test does to the valves of a kind of day."""
+    tolerance = np.maximum(TOLERANCE * ds.true, GOOD) + 1e-9
+    worn, good = (ds.true > GOOD) & (ds.last >= 0.0), (ds.true == 0.0) & (ds.last >= 0.0)
+    right = {name: abs(ds[name] - ds.true) <= tolerance for name in ("first", "last")}
+    found = ds["last"] > 0.0
+    changes = [100 * float(ds[name].where(worn).median()) for name in ("rise", "on_test_days")]
+    return [
+        " · ".join(str(share_of(right[name], worn)) for name in right),
+        share_of(right["last"], worn & found).written(1) if bool((worn & found).any()) else "none",
+        f"{share_of(ds.highest > ds.true + tolerance, worn)}",
+        f"{int((ds.highest > GOOD).where(good).sum())} of {int(good.sum())}",
+        *(f"{change:+.1f}" for change in changes),
+        f"{share_of(ds.rise > WORSE, worn)}", f"{share_of(ds.rise > WORSE, good)}",
+    ]  # fmt: skip
+
+
+def main() -> None:
+    """Write the table."""
+    rows = []
+    for kind in kinds():
+        for name, test in TESTS[kind].items():
+            rows.append([kind, name, *row(tested(kind, test))])
+            print(rows[-1], flush=True)
+    title = f'A weekly valve test and `estimator = "identify"`: {VALVES} valves, {SEQUENCES} sequences of {WEEKS} weeks'
+    write_table("valve_test/valve_test_online", title, HEAD, rows)
