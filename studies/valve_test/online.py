@@ -40,7 +40,7 @@ def weeks(kind: str, seed: int) -> fc.Boundary:
     return of_kind(kind, [100 * seed + k for k in range(WEEKS * DAYS_A_WEEK)])
 
 
-def tested(kind: str, test: fc.ValveTest | None, seed: int = SEED, n: int = VALVES) -> xr.Dataset:
+def weekly(kind: str, test: fc.ValveTest | None, seed: int = SEED, n: int = VALVES) -> xr.Dataset:
     """What identification with this test does, beside plain PI: (sample, day), a ``day`` being a sequence of them."""
     loop = population(seed, n, heating=kind == HEATING).assign(**settings(kind))
     true = xr.DataArray(loop["backlash"]).values
@@ -98,7 +98,7 @@ def main() -> None:
     rows = []
     for kind in kinds():
         for name, test in TESTS[kind].items():
-            rows.append([kind, name, *row(tested(kind, test))])
+            rows.append([kind, name, *row(weekly(kind, test))])
             print(rows[-1], flush=True)
     title = f'A weekly valve test and `estimator = "identify"`: {VALVES} valves, {SEQUENCES} sequences of {WEEKS} weeks'
     write_table("valve_test/valve_test_online", title, HEAD, rows)
