@@ -34,7 +34,7 @@ SMALL = {"backlash": 0.002, "m_full": 0.02, "C_c": 0.05}
 
 
 class Bounded(NamedTuple):
-    """Of each worn valve: its gap, the bound, the error of the reading, all fractions of stroke, and the excursion, K."""
+    """Of each worn valve: gap, bound and error of the reading, fractions of stroke; excursion, K."""
 
     gap: np.ndarray
     bound: np.ndarray
