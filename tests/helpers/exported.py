@@ -9,7 +9,7 @@ import numpy as np
 
 from helpers.structured_text import Project
 
-INPUTS = {"T_sup", "T_set", "m_a", "enabled", "reset", "start_command"}
+INPUTS = {"T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command"}
 """Columns of what a controller is given; the others are what it must answer."""
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off"]
 
@@ -46,7 +46,7 @@ def structured_text_runner(text):
 def differences(run, stored):
     """Largest difference of each cycle from its vector."""
     for row in vectors(stored):
-        given = {n: x > 0.5 if n in ("enabled", "reset") else x for n, x in row.items() if n in INPUTS}
+        given = {n: x > 0.5 if n in ("enabled", "start_test", "reset") else x for n, x in row.items() if n in INPUTS}
         found = run(given | {"start_command": row.get("start_command", 0.0)})
         yield float(np.max([abs(getattr(found, n) - x) for n, x in row.items() if n not in INPUTS]))
 

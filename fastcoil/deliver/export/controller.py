@@ -16,6 +16,7 @@ import numpy as np
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.translate import Port, Translator
+from fastcoil.deliver.export.valve_test import SHARED, TEST
 from fastcoil.deliver.export.words import commented, names_in, number, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
@@ -50,7 +51,8 @@ def templates() -> jinja2.Environment:
 class Controller:
     """The parameters of one controller, its words by their parameter, and its rules as laws.
 
-    own: names of the user's rules that it has.  estimating, deciding: the estimator, and the law in place of the PI.
+    own: names of the user's rules that it has.  estimating, deciding, testing: the estimator, the law in place of the
+    PI, and the valve test.
     """
 
     def __init__(self, loop: Loop) -> None:
@@ -71,8 +73,13 @@ class Controller:
         written = {rule.name: rule.parts[0] for rule in loop.rules.values() if rule.is_loaded}
         self.own = [name for name in written if name in self.word.values()]
         self.waives_buffer = estimator is not None and estimator.waives_buffer
-        self.rests = estimator is None or estimator.periods is None
-        self.estimating = self.deciding = None
+        self.tests = loop["test_start"] is not None
+        self.estimates_when = [
+            "s.clock > 0.0",
+            *(["enabled"] if estimator is None or estimator.periods is None else []),
+            *(["s.test == 0.0"] if self.tests and estimator is not None and not estimator.sees_test else []),
+        ]
+        self.estimating = self.deciding = self.testing = None
         self.ports: list[Port] = []
         self.sees_air = False
         # names of what stands around the rules
@@ -84,21 +91,28 @@ class Controller:
             taken += names_in(self.estimating.step)
         if law is not None:
             self.deciding = self._port("law", law, written.get(law.name, law.step), taken)
-        self.ports = [port for port in (self.estimating, self.deciding) if port is not None]
+        if self.tests:
+            self.testing = self._port("test", TEST, TEST.step, taken)
+        self.ports = [port for port in (self.estimating, self.deciding, self.testing) if port is not None]
         self.sees_air = any("m_a" in port.reads for port in self.ports)
 
     def _port(self, kind: str, rule: Any, function: Any, taken: list[str]) -> Port:
         """A rule as laws; a word among its parameters is a number."""
         if odd := [name for name in rule.Parameters._fields if not name.isascii()]:
             raise InputError(f"{kind} = {rule.name!r} cannot be exported: name {odd[0]!r} with letters a to z alone")
+        estimate = "s.estimate" if self.word["estimator"] != "none" else "BACKLASH_ESTIMATE"
+        if kind == "test" and self.number["estimate_share"] != 1.0:
+            estimate = f"ESTIMATE_SHARE * {estimate}"
         return Translator(
             kind,
             rule,
             function,
             {name: self.number[name] for name in rule.Parameters._fields},
             literal={name for name in rule.Parameters._fields if name in self.word},
-            estimate="s.estimate" if self.word["estimator"] != "none" else "BACKLASH_ESTIMATE",
+            estimate=estimate,
             names=taken,
+            tests=self.tests,
+            shared=SHARED if kind == "test" else (),
         ).port()
 
     def _require_cycles(self) -> None:
@@ -153,6 +167,7 @@ class Controller:
             "a dead band" if self.number["error_dead_band"] > 0.0 else "",
             inverse.get(self.word["compensation"], plain),
             f"the estimator {self.word['estimator']}" if self.estimating else "",
+            "a valve test" if self.tests else "",
         ]
         return " and ".join(", ".join(filter(None, parts)).rsplit(", ", 1))
 

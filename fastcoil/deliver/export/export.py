@@ -17,6 +17,7 @@ from fastcoil.deliver.export.languages import InC, InST, st_number
 from fastcoil.deliver.export.source import Laws
 from fastcoil.deliver.export.vectors import Vectors, cycles, vectors_of
 from fastcoil.loops.loop import Loop
+from fastcoil.loops.valve_test import ValveTest
 
 SUFFIXES = {"c": ".c", "st": ".st", "python": ".py"}
 """Of the files, by language."""
@@ -27,7 +28,9 @@ _TOLERANCE = 1e-12
 _MODULES = {name.casefold() for name in (*sys.stdlib_module_names, "fastcoil", "numpy")}
 
 
-def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = "c") -> list[Path]:
+def export_controller(
+    loop: Loop, path: str | os.PathLike[str], language: str = "c", *, test: ValveTest | None = None
+) -> list[Path]:
     """Write the controller of a loop as code for the field: PI, backlash inverse and estimator.
 
     Beside the code, ``NAME_vectors.csv`` gives what it must answer, cycle by cycle, as fastcoil's own kernel does; with
@@ -43,6 +46,9 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         File of the code: ``NAME.c``, ``NAME.st`` or ``NAME.py``.  NAME is in the names that other code sees.
     language
         ``"c"`` (C99), ``"st"`` (Structured Text of IEC 61131-3) or ``"python"``.
+    test
+        A valve test that the controller runs when its input ``start_test`` turns true; ``start`` and ``every`` play no
+        part.  A loop with ``test_start`` has one without this.
 
     Returns
     -------
@@ -58,8 +64,10 @@ def export_controller(loop: Loop, path: str | os.PathLike[str], language: str = 
         check(instance_of, "loop", loop, Loop, "give a fastcoil.Loop")
         path = check(path_of, "path", path, "give a file such as inverse.c")
         language = check(choice_of, "language", language, SUFFIXES)
+        test = check.unless_none(instance_of, "test", test, ValveTest, "give a fastcoil.ValveTest")
     require_file("path", path, SUFFIXES[language])
     _require_name(path, language)
+    loop = loop if test is None else loop.assign(**test.parameters())
     controller = Controller(loop)
     text = controller.text()
     try:

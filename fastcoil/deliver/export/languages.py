@@ -87,7 +87,7 @@ class InC(Printer):
         return super()._term(node)
 
 
-OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate")
+OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate", "test", "test_aborted")
 """What the block shows of its state."""
 _TEXTS = (Path(__file__).parent / "laws" / "functions.st").read_text(encoding="utf-8").strip().split("\n\n")
 _MISSING = dict(zip(("math.floor", "math.tanh"), _TEXTS, strict=True))

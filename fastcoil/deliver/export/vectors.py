@@ -22,12 +22,15 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
 from fastcoil.measured.replay import replayed
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS
+from fastcoil.model.parameter_table import LARGEST
 
 OUTPUTS = {"command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate"}
 """What the code calls a trace."""
 _HOURS, _HOURS_TO_IDENTIFY = 1, 3  # of the simulated day: an estimate from steps of the set-point takes longer
+_TEST_START = 1800.0  # s
 _LIMITS = -50.0, 150.0  # of a good reading, degC
-_FLAGS = ("enabled", "reset")
+_INPUTS = ("T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command")
+_FLAGS = ("enabled", "start_test", "reset")
 _LARGEST_ERROR = 25.0  # K; a reading stays plausible
 _MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
 _OFF = (95, 103, 150)  # cycles at which the plant goes off for the next four
@@ -81,14 +84,19 @@ def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
 
     text: the laws in Python.
     """
-    inputs = ("T_sup", "T_set", *(["m_a"] if controller.sees_air else []), "enabled", "reset", "start_command")
-    lacks = {"estimate": controller.estimating is None, "integral_part": controller.deciding is not None}
-    outputs = [name for name in (*OUTPUTS, "switches") if not lacks.get(name, False)]
-    handled = _handled(controller)
-    given = {name: handled[name] for name in inputs}
-    answers = np.array(list(cycles(text, given, outputs))).T
-    runs = [given | dict(zip(outputs, answers, strict=True))]
-    runs += [_replayed(loop, controller, seen) for seen in _records(controller)]
+    lacks = {
+        "estimate": controller.estimating is None, "integral_part": controller.deciding is not None,
+        "m_a": not controller.sees_air, **dict.fromkeys(("start_test", "test", "test_aborted"), not controller.tests),
+    }  # fmt: skip
+    inputs = tuple(name for name in _INPUTS if not lacks.get(name, False))
+    outputs = [name for name in (*OUTPUTS, "switches", "test", "test_aborted") if not lacks.get(name, False)]
+    runs = []
+    for record in (_handled(controller), *([_tested(controller)] if controller.tests else [])):
+        given = {name: record[name] for name in inputs}
+        answers = np.array(list(cycles(text, given, outputs))).T
+        runs.append(given | dict(zip(outputs, answers, strict=True)))
+    untested = loop.assign(test_start=LARGEST) if controller.tests else loop
+    runs += [_replayed(untested, controller, seen) for seen in _records(controller)]
     runs.append(_simulated(loop, controller))
     if controller.word["estimator"] == "identify":
         runs.append(_simulated(loop, controller, disturbed=True))
@@ -140,7 +148,33 @@ def _handled(controller: Controller) -> dict[str, Array]:
     rows += [cycle(0.5, 0.4, reset=1.0), *turns, *[bad] * n, *turns[:n]] if controller.estimating else [bad] * 20
     rows += [cycle(1.0), cycle(-1.0)]
     names = ("T_sup", "T_set", "m_a", "enabled", "reset", "start_command")
-    return dict(zip(names, np.array(rows).T, strict=True))
+    return dict(zip(names, np.array(rows).T, strict=True)) | {"start_test": np.zeros(len(rows))}
+
+
+def _tested(controller: Controller) -> dict[str, Array]:
+    """A valve test to its end, then one ended by each of: excursion, end of the stroke, swing, plant off."""
+    number = controller.number
+    dt, settle, excursion = number["sample_time"], number["test_settle"], number["test_excursion"]
+    s = dt * np.arange(min(math.ceil(60.0 * number["test_minutes"] / dt), _MOST_CYCLES) + 20)
+    largest = min(number["test_threshold"] + 0.5, 0.9 * excursion)
+    moves = np.maximum(s - settle - 6.0 * dt, 0.0)  # behind the wait for calm
+    waves = largest * np.where(moves // 500.0 % 2.0, 0.7, 1.0) * np.sin(moves / 60.0)
+    short = s[: max(math.ceil((settle + 0.3 / number["test_rate"]) / dt), 20)]
+    steps = 3.0 * excursion * (short > 0.5 * settle)
+    still, swing = np.full(short.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(short.size)
+    errors = (waves, steps, still, swing, still)
+    first = np.cumsum([0, *(e.size for e in errors[:-1])])
+    e = np.concatenate(errors)
+    enabled, start_test, reset, start_command = (np.full(e.size, x) for x in (1.0, 1.0, 0.0, 0.0))
+    reset[first], start_command[first] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
+    for k in range(3):  # cycles before a test
+        start_test[first + k] = 0.0
+    off = first[-1] + 6
+    enabled[off : off + 8] = 0.0
+    start_test[off + 3 : off + 5] = 0.0  # then one is asked for while the plant is off
+    seen = _seen(controller, e, np.full(e.size, 24.0 if controller.heats else 14.0), enabled)
+    seen["T_sup"][10] = math.nan
+    return seen | {"start_test": start_test, "reset": reset, "start_command": start_command}
 
 
 def _replayed(loop: Loop, controller: Controller, seen: dict[str, Array]) -> dict[str, Array]:
@@ -154,6 +188,9 @@ def _replayed(loop: Loop, controller: Controller, seen: dict[str, Array]) -> dic
 def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:
     """The loop on its generic day, with gusts and some time off if it is to be disturbed."""
     hours = _HOURS_TO_IDENTIFY if controller.word["estimator"] == "identify" else _HOURS
+    if controller.tests:
+        loop = loop.assign(test_start=_TEST_START, test_every=0.0)
+        hours = max(hours, math.ceil(controller.number["test_minutes"] / 60.0 + 0.75))
     day = heating_day(hours) if controller.heats else paper_day(hours)
     sample_time, band = int(controller.number["sample_time"]), controller.number["error_dead_band"]
     if band > 0.0:  # steps that it would not answer are refused
@@ -164,11 +201,12 @@ def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -
         second = np.arange(enabled.size)
         enabled[(second // sample_time >= 3900 // sample_time) & (second // sample_time < 4500 // sample_time)] = 0.0
         day = day.assign(m_a=day.series["m_a"][0] * np.where(second % 3000 < 2400, 1.0, 0.8), enabled=enabled)
-    traces = ["T_measured", *OUTPUTS.values()]
+    traces = ["T_measured", "test", *OUTPUTS.values()]
     ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1, progress=False)
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
-    rows = _rows(ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time]})
+    asked = (np.arange(0, enabled.size, sample_time) >= _TEST_START).astype(float)
+    rows = _rows(ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time], "start_test": asked})
     good = (T_sup > _LIMITS[0]) & (T_sup < _LIMITS[1])
     end = T_sup.size if bool(good.all()) else int(np.argmin(good))
     return {name: values[:end] for name, values in rows.items()}
@@ -177,11 +215,15 @@ def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -
 def _rows(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
     reset = np.zeros(inputs["T_sup"].size)
     reset[0] = 1.0
-    outputs = {name: ds[trace].values for name, trace in OUTPUTS.items()}
-    rising = (outputs["rising"] > 0.0).astype(float)
-    switches = np.cumsum(np.abs(np.diff(rising, prepend=0.0)))
-    made = {"reset": reset, "start_command": np.zeros(reset.size), "rising": rising, "switches": switches}
-    return inputs | outputs | made
+    nothing = np.zeros(reset.size)
+    made = {"start_test": nothing, "test": nothing, "test_aborted": nothing} | inputs
+    made |= {name: ds[trace].values for name, trace in OUTPUTS.items()}
+    if "test" in ds:
+        made["test"] = ds["test"].values
+        made["test_aborted"] = np.where(made["test"] == 0.0, made["start_test"] * ds["test_aborted"].values, 0.0)
+    rising = (made["rising"] > 0.0).astype(float)
+    turns = np.abs(np.diff(rising, prepend=0.0)) * (made["test"] == 0.0)  # those of a test are not the inverse's
+    return made | {"reset": reset, "start_command": nothing, "rising": rising, "switches": np.cumsum(turns)}
 
 
 def _records(controller: Controller) -> list[dict[str, Array]]:
