@@ -106,13 +106,15 @@ def archive(folder: Path, out: Path | None) -> None:
 @click.command()
 @click.argument("path", type=PATH)
 @click.option("--language", help="Language of the controller: c, st or python.  [default: c]")
+@click.option("--test", "has_test", is_flag=True, help="Give the controller a valve test, by its input start_test.")
 @click.option("--csv", is_flag=True, help="A row for each scenario-day.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
 @click.option("-o", "--out", type=PATH, metavar="FILE", help="File to write; NAME with its suffix here by default.")
 def export(
-    path: Path, language: str | None, csv: bool, metrics: tuple[str, ...], at: tuple[str, ...], out: Path | None
-) -> None:
+    path: Path, language: str | None, has_test: bool, csv: bool, metrics: tuple[str, ...], at: tuple[str, ...],
+    out: Path | None,
+) -> None:  # fmt: skip
     """Export results as a table, or the controller of a TOML file as source code.
 
     PATH is the folder of a study, a NetCDF file, or a TOML file.  A controller comes with test vectors for its port.
@@ -129,18 +131,23 @@ def export(
             raise InputError(
                 f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: give the folder of a study"
             )
-        export_code(path, language, out)
+        export_code(path, language, out, has_test)
         return
-    if language:
-        raise InputError(f"--language: for the controller of a TOML file, and {path} is none: leave it out")
+    if language or has_test:
+        option = "--language" if language else "--test"
+        raise InputError(f"{option}: for the controller of a TOML file, and {path} is none: leave it out")
     if not csv:
         raise InputError("give --csv, or a TOML file whose controller is exported")
     export_table(path, metrics, at, out)
 
 
-def export_code(path: Path, language: str | None, out: Path | None) -> None:
-    """Write the code of the controller in a study file; sweep, boundary and run are ignored."""
+def export_code(path: Path, language: str | None, out: Path | None, has_test: bool) -> None:
+    """Write the code of the controller in a study file; sweep, boundary and run are ignored.
+
+    has_test: it has a valve test also where the file gives none, then that of its action.
+    """
     from fastcoil.deliver.export.export import SUFFIXES, export_controller
+    from fastcoil.loops.valve_test import ValveTest
     from fastcoil.study.file.own_code import load_rules
     from fastcoil.study.file.spec import read_study
 
@@ -149,7 +156,9 @@ def export_code(path: Path, language: str | None, out: Path | None) -> None:
     loop = study.plan.layout.loop
     load_rules(loop.rules, study.rules)
     announce_compilation()
-    for written in export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language):
+    made = ValveTest.heating if loop["action"] == "heating" else ValveTest
+    test = made() if has_test and loop["test_start"] is None else None
+    for written in export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):
         say(f"Written: {written}")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.valve_test import SHARED, TEST
+from fastcoil.deliver.export.valve_test import TEST
 from fastcoil.deliver.export.words import commented, names_in, number, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
@@ -74,11 +74,8 @@ class Controller:
         self.own = [name for name in written if name in self.word.values()]
         self.waives_buffer = estimator is not None and estimator.waives_buffer
         self.tests = loop["test_start"] is not None
-        self.estimates_when = [
-            "s.clock > 0.0",
-            *(["enabled"] if estimator is None or estimator.periods is None else []),
-            *(["s.test == 0.0"] if self.tests and estimator is not None and not estimator.sees_test else []),
-        ]
+        self.rests = estimator is None or estimator.periods is None
+        self.pauses = self.tests and not (estimator is not None and estimator.sees_test)
         self.estimating = self.deciding = self.testing = None
         self.ports: list[Port] = []
         self.sees_air = False
@@ -111,8 +108,6 @@ class Controller:
             literal={name for name in rule.Parameters._fields if name in self.word},
             estimate=estimate,
             names=taken,
-            tests=self.tests,
-            shared=SHARED if kind == "test" else (),
         ).port()
 
     def _require_cycles(self) -> None:

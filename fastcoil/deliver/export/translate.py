@@ -36,7 +36,6 @@ from fastcoil.deliver.export.values import (
 from fastcoil.deliver.export.words import constant_text, definition_of, function_text, lines_of, names_in, summary_of
 from fastcoil.model.estimators.interface import defaults_of, is_sample
 
-_FLAGS = ("enabled", "begins")  # that the valve test sees
 _RETURNED = object()  # what a block gives whose values are stored already
 
 
@@ -54,26 +53,26 @@ class Port(NamedTuple):
 class Translator(Formulas):
     """Translates one rule.
 
-    kind: estimator, law or test.  function: its step as it was written.  numbers: its parameters; literal: those that are
-    written as numbers.  estimate: the text of the estimate that it sees.  names: those that the laws have already.
-    tests: whether the controller has a valve test.  shared: fields of the state that it changes besides its own.
+    kind: estimator, law or test.  function: its step as it was written.  numbers: its parameters; literal: those that
+    are written as numbers.  estimate: the text of the estimate that it sees.  names: those that the laws have already.
     """
 
     def __init__(
         self, kind: str, rule: Any, function: Any, numbers: Mapping[str, float], *, literal: set[str], estimate: str,
-        names: list[str], tests: bool = False, shared: Sequence[str] = (),
+        names: list[str],
     ) -> None:  # fmt: skip
         super().__init__(kind, rule.name, [*names, *(each.upper() for each in numbers)])
         self.step, self.start, self.words = function, getattr(rule, "start", None), getattr(rule, "words", 0)
         self.Memory = rule.Memory
         self.numbers, self.literal, self.estimate = numbers, literal, estimate
         self.goal = {"law": "s.decided", "estimator": "s.estimate", "test": "s.command"}[kind]
+        self.follows = [f"s.{n}" for n in getattr(rule, "follows", ())]
+        self.flags = ("enabled", "begins") if kind == "test" else ()
+        self.kinds["s.rising"] = "flag"
         taken = {each.casefold() for each in names}
         wanted = {n: f"{n}_kept" if n.casefold() in taken else n for n in self.Memory._fields}
         wanted |= {n: f"test_{n}" for n in wanted if kind == "test"}
         self.fields = {n: "s." + self._named(name, "field") for n, name in wanted.items()}
-        self.tests, self.shared = tests, {n: f"s.{n}" for n in shared}
-        self.kinds |= {"s.rising": "flag"}
 
     def port(self) -> Port:
         """The laws of the rule."""
@@ -108,8 +107,8 @@ class Translator(Formulas):
         begins = self._afresh()
         given = [self._sample(), parameters, memory, *([Table()] if self.words else [])]
         self._inlined(self.step, given, self._commit)
-        outputs = {*self.shared.values(), "s.test_aborted"} if self.shared else set()
-        return self._written(begins, needed(self.out, {self.goal, "s.w", *outputs}))
+        shown = ["s.test_aborted"] if self.kind == "test" else []
+        return self._written(begins, needed(self.out, {self.goal, "s.w", *self.follows, *shown}))
 
     def _parameter(self, name: str, value: float) -> Number:
         return constant(value) if name in self.literal else Number(ast.Name(name.upper()), "real", value)
@@ -121,10 +120,9 @@ class Translator(Formulas):
             "u": "s.u", "command": "s.command", "switches": "s.switches", "estimate": self.estimate,
         }  # fmt: skip
         seen: dict[str, Any] = {name: Number(expression(text)) for name, text in texts.items()}
-        seen["test"] = Number(expression("s.test")) if self.tests else constant(0.0)
+        seen["test"] = Number(expression("s.test")) if "start_test" in self.pool else constant(0.0)
+        seen |= {name: Number(expression(name), "flag") for name in self.flags}
         seen["m_a"] = Number(expression("m_a"), needs=frozenset({"m_a >= 0.0"}))
-        if self.kind == "test":
-            seen |= {name: Number(expression(name), "flag") for name in _FLAGS}
         modes = (lambda: constant(1.0), lambda: constant(-1.0))
         seen["mode"] = self._either(expression("s.rising"), modes, "mode", "mode")
         return seen
@@ -133,14 +131,14 @@ class Translator(Formulas):
 
     def _commit(self, found: Any) -> Any:
         """Store what the rule returns; what reads a value of before is kept aside until all are found."""
-        decided, *memories = found.values()
-        fields = self.fields | self.shared
-        numbers: dict[str, Number] = {fields[n]: one for memory in memories for n, one in memory.items()}
+        decided, memory, *others = found.values()
+        numbers: dict[str, Number] = {self.fields[n]: one for n, one in memory.items()}
+        numbers |= dict(zip(self.follows, others, strict=False))
         numbers[self.goal] = self._real(decided)
         changed = {target: number for target, number in numbers.items() if ast.unparse(number.text) != target}
-        stored = {*changed, *(f"{target}_known" for target in changed)}
+        fields = {*changed, *(f"{target}_known" for target in changed)}
         for target, number in changed.items():
-            if (read_in(number.text) | number.needs) & stored - {target}:
+            if (read_in(number.text) | number.needs) & fields - {target}:
                 name = self._local(f"next_{target[2:]}", "next")
                 self._store(name, number)
                 changed[target] = self._variable(name)
@@ -306,9 +304,8 @@ class Translator(Formulas):
         """The texts, without constants and fields that nothing reads."""
         python = getattr(self.step, "py_func", self.step)
         name = self._named(self.rule, "rule")
-        flags = _FLAGS if self.kind == "test" else ()
-        arguments = [n for n in ("T_sup", "T_set", "m_a", *flags) if n in read_in(body)]
-        head = ["s: State", *(f"{n}: {'bool' if n in flags else 'float'}" for n in arguments)]
+        arguments = [n for n in ("T_sup", "T_set", "m_a", *self.flags) if n in read_in(body)]
+        head = ["s: State", *(f"{n}: {'bool' if n in self.flags else 'float'}" for n in arguments)]
         text = function_text(name, head, "None", summary_of(python), body)
         used, fields = set(re.findall(r"\bs\.(\w+)", text)), []
         for kept in (field[2:] for field in self.fields.values()):

@@ -24,7 +24,10 @@ from fastcoil.measured.replay import replayed
 from fastcoil.model.engine.recorded import REPLAY_COLUMNS
 from fastcoil.model.parameter_table import LARGEST
 
-OUTPUTS = {"command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate"}
+OUTPUTS = {
+    "command": "command", "u": "u", "integral_part": "integral", "rising": "mode", "estimate": "estimate",
+    "test": "test",
+}  # fmt: skip
 """What the code calls a trace."""
 _HOURS, _HOURS_TO_IDENTIFY = 1, 3  # of the simulated day: an estimate from steps of the set-point takes longer
 _TEST_START = 1800.0  # s
@@ -84,14 +87,13 @@ def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
 
     text: the laws in Python.
     """
-    lacks = {
-        "estimate": controller.estimating is None, "integral_part": controller.deciding is not None,
-        "m_a": not controller.sees_air, **dict.fromkeys(("start_test", "test", "test_aborted"), not controller.tests),
-    }  # fmt: skip
+    lacks = {"estimate": controller.estimating is None, "integral_part": controller.deciding is not None}
+    lacks |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.tests)
+    lacks["m_a"] = not controller.sees_air
     inputs = tuple(name for name in _INPUTS if not lacks.get(name, False))
-    outputs = [name for name in (*OUTPUTS, "switches", "test", "test_aborted") if not lacks.get(name, False)]
+    outputs = [name for name in (*OUTPUTS, "switches", "test_aborted") if not lacks.get(name, False)]
     runs = []
-    for record in (_handled(controller), *([_tested(controller)] if controller.tests else [])):
+    for record in [_handled(controller), _tested(controller)][: 1 + controller.tests]:
         given = {name: record[name] for name in inputs}
         answers = np.array(list(cycles(text, given, outputs))).T
         runs.append(given | dict(zip(outputs, answers, strict=True)))
@@ -156,25 +158,19 @@ def _tested(controller: Controller) -> dict[str, Array]:
     number = controller.number
     dt, settle, excursion = number["sample_time"], number["test_settle"], number["test_excursion"]
     s = dt * np.arange(min(math.ceil(60.0 * number["test_minutes"] / dt), _MOST_CYCLES) + 20)
-    largest = min(number["test_threshold"] + 0.5, 0.9 * excursion)
-    moves = np.maximum(s - settle - 6.0 * dt, 0.0)  # behind the wait for calm
-    waves = largest * np.where(moves // 500.0 % 2.0, 0.7, 1.0) * np.sin(moves / 60.0)
-    short = s[: max(math.ceil((settle + 0.3 / number["test_rate"]) / dt), 20)]
-    steps = 3.0 * excursion * (short > 0.5 * settle)
-    still, swing = np.full(short.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(short.size)
-    errors = (waves, steps, still, swing, still)
-    first = np.cumsum([0, *(e.size for e in errors[:-1])])
-    e = np.concatenate(errors)
-    enabled, start_test, reset, start_command = (np.full(e.size, x) for x in (1.0, 1.0, 0.0, 0.0))
-    reset[first], start_command[first] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
-    for k in range(3):  # cycles before a test
-        start_test[first + k] = 0.0
-    off = first[-1] + 6
-    enabled[off : off + 8] = 0.0
-    start_test[off + 3 : off + 5] = 0.0  # then one is asked for while the plant is off
-    seen = _seen(controller, e, np.full(e.size, 24.0 if controller.heats else 14.0), enabled)
+    moving = np.maximum(s - settle - 6.0 * dt, 0.0)
+    size = min(number["test_threshold"] + 0.5, 0.9 * excursion) * np.where(moving // 500.0 % 2.0, 0.7, 1.0)
+    still, swing = np.full(s.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(s.size)
+    e = np.stack([size * np.sin(moving / 60.0), 3.0 * excursion * (s > 0.5 * settle), still, swing, still])
+    enabled, start_test, reset, start_command = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0))
+    reset[:, 0], start_command[:, 0] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
+    start_test[:, :3] = 0.0
+    enabled[4, 6:14] = 0.0
+    start_test[4, [9, 10, 16, 17]] = 0.0  # asked for again while the plant is off, and on
+    seen = _seen(controller, e.ravel(), np.full(e.size, 24.0 if controller.heats else 14.0), enabled.ravel())
     seen["T_sup"][10] = math.nan
-    return seen | {"start_test": start_test, "reset": reset, "start_command": start_command}
+    more = {"start_test": start_test, "reset": reset, "start_command": start_command}
+    return seen | {name: values.ravel() for name, values in more.items()}
 
 
 def _replayed(loop: Loop, controller: Controller, seen: dict[str, Array]) -> dict[str, Array]:
@@ -201,7 +197,7 @@ def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -
         second = np.arange(enabled.size)
         enabled[(second // sample_time >= 3900 // sample_time) & (second // sample_time < 4500 // sample_time)] = 0.0
         day = day.assign(m_a=day.series["m_a"][0] * np.where(second % 3000 < 2400, 1.0, 0.8), enabled=enabled)
-    traces = ["T_measured", "test", *OUTPUTS.values()]
+    traces = ["T_measured", *OUTPUTS.values()]
     ds = simulate(loop, day, traces=traces, trace_interval=sample_time, warm_up=0, n_jobs=1, progress=False)
     series = {name: np.asarray(day.series[name][0])[::sample_time] for name in ("T_set", "m_a")}
     T_sup = ds["T_measured"].values
@@ -213,17 +209,14 @@ def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -
 
 
 def _rows(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
-    reset = np.zeros(inputs["T_sup"].size)
-    reset[0] = 1.0
-    nothing = np.zeros(reset.size)
-    made = {"start_test": nothing, "test": nothing, "test_aborted": nothing} | inputs
-    made |= {name: ds[trace].values for name, trace in OUTPUTS.items()}
-    if "test" in ds:
-        made["test"] = ds["test"].values
-        made["test_aborted"] = np.where(made["test"] == 0.0, made["start_test"] * ds["test_aborted"].values, 0.0)
-    rising = (made["rising"] > 0.0).astype(float)
-    turns = np.abs(np.diff(rising, prepend=0.0)) * (made["test"] == 0.0)  # those of a test are not the inverse's
-    return made | {"reset": reset, "start_command": nothing, "rising": rising, "switches": np.cumsum(turns)}
+    nothing = np.zeros(inputs["T_sup"].size)
+    rows = {"start_test": nothing, "start_command": nothing, "reset": (np.arange(nothing.size) == 0).astype(float)}
+    rows |= inputs | {name: ds[trace].values if trace in ds else nothing for name, trace in OUTPUTS.items()}
+    aborted = float(ds["test_aborted"]) if "test_aborted" in ds else 0.0
+    rows["test_aborted"] = aborted * rows["start_test"] * (1.0 - rows["test"])
+    rows["rising"] = (rows["rising"] > 0.0).astype(float)
+    turns = np.abs(np.diff(rows["rising"], prepend=0.0))
+    return rows | {"switches": np.cumsum(turns * (1.0 - rows["test"]))}  # those of a test do not count
 
 
 def _records(controller: Controller) -> list[dict[str, Array]]:

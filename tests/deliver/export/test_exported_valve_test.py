@@ -1,0 +1,194 @@
+"""An exported controller runs the valve test as the kernel does: its command during it, after it, and why it ended."""
+
+import ctypes
+import math
+import re
+import shutil
+import subprocess
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from helpers.exported import FLAGS, WORST, finds, module, python_runner, vectors
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.deliver.export.export import SUFFIXES
+
+pytestmark = pytest.mark.kernel
+
+START, HOURS = 2400, 2
+SHORT = {"minutes": 15.0, "settle": 90.0, "hold": 60.0}
+LOOPS = {
+    "inverse": {"backlash_estimate": 0.07, "buffer": 0.01, "sensor_resolution": 0.05},
+    "additive": {"compensation": "additive", "backlash_estimate": 0.07, "error_dead_band": 0.1},
+    "smooth": {"compensation": "smooth", "backlash_estimate": 0.07},
+    "learner": {"learning_step": 0.01, "learning_interval": 600.0, "estimate_share": 0.8},
+    "heating": {"preset": "heating", "backlash_estimate": 0.04, "sample_time": 7.0, "kp": 0.01},
+}
+MORE = {
+    "pi": {},
+    "measured": {"backlash_estimate": 0.07, "buffer_ratio": 3.0, "buffer_noise": "measured"},
+    "hagglund": {"estimator": "hagglund", "plant_gain": 15.0},
+    "gradient": {"estimator": "gradient", "compensation": "additive"},
+    "identify": {"estimator": "identify", "sample_time": 15.0},
+    "heating_learner": {"preset": "heating", "learning_step": 0.01, "compensation": "smooth", "learning_interval": 300.0},
+}
+EACH = [*LOOPS, *(pytest.param(name, marks=pytest.mark.full) for name in MORE)]
+
+
+def loop_of(name):
+    values = {"preset": "lbnl", "sample_time": 5.0, "noise_std": 0.02, "backlash": 0.05} | (LOOPS | MORE)[name]
+    return fc.Loop.preset(values.pop("preset")).assign(**values)
+
+
+def export(folder, name, language, **values):
+    path = folder / f"valve{SUFFIXES[language]}"
+    return fc.export_controller(loop_of(name), path, language, test=fc.ValveTest(**SHORT | values))
+
+
+def simulated(name, off, **values):
+    """The loop with a test, simulated: a row for each sample, what the controller sees and what it answers."""
+    loop = loop_of(name)
+    day = (fc.heating_day if name.startswith("heating") else fc.paper_day)(hours=HOURS, seed=5)
+    enabled = np.ones(3600 * HOURS)
+    enabled[off] = 0.0
+    dt = int(loop["sample_time"])
+    T_set = day.series["T_set"][0]
+    day = day.assign(enabled=enabled, T_set=T_set[0] + 0.3 * (T_set - T_set[0]))
+    ds = fc.simulate(
+        loop, day, test=fc.ValveTest(start=START, **SHORT | values), traces=["T_measured", "command", "test"],
+        trace_interval=dt, warm_up=0,
+    )  # fmt: skip
+    seen = {n: np.ravel(day.series[n])[::dt] for n in ("T_set", "m_a")} | {"T_sup": ds["T_measured"].values}
+    return seen | {"enabled": enabled[::dt], "start_test": np.arange(0, enabled.size, dt) >= START}, ds
+
+
+def answers_of_python(code, rows):
+    """Commands of the exported Python; it sees only the inputs that it has."""
+    laws = module(code)
+    s = laws.State()
+    return np.array([(laws.step(s, **row, reset=False, start_command=0.0), s.test, s.test_aborted) for row in rows])
+
+
+def answers_of_c(code, rows):
+    """Commands of the exported C, as a shared library."""
+    library = code.with_suffix(".so")
+    subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", code, "-lm", "-o", library], check=True)
+    step, state = ctypes.CDLL(str(library)).valve_step, ctypes.create_string_buffer(2**16)
+    step.restype = ctypes.c_double
+    kinds = {"enabled": ctypes.c_bool, "start_test": ctypes.c_bool}
+    step.argtypes = [ctypes.c_void_p, *(kinds.get(n, ctypes.c_double) for n in rows[0]), ctypes.c_bool, ctypes.c_double]
+    return np.array([[step(state, *row.values(), False, 0.0)] for row in rows])
+
+
+CASES = {"to its end": {}, "excursion": {"excursion": 0.25}, "disabled": {"off": slice(START + 300, START + 800)}}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("language", ["python", "c"])
+def test_fed_with_the_kernels_temperatures_it_gives_the_kernels_commands(tmp_path, name, case, language):
+    if language == "c" and shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    values = {"off": slice(0), **CASES[case]}
+    seen, ds = simulated(name, **values)
+    values.pop("off")
+    code, stored = export(tmp_path, name, language, **values)
+    inputs = [n for n in vectors(stored)[0] if n in seen]
+    rows = [dict(zip(inputs, row, strict=True)) for row in zip(*(seen[n].tolist() for n in inputs), strict=True)]
+    for row in rows:
+        row["enabled"] = row["enabled"] > 0.5
+    found = (answers_of_python if language == "python" else answers_of_c)(code, rows)
+    np.testing.assert_allclose(found[:, 0], ds["command"].values, rtol=0.0, atol=1e-12)
+    runs = ds["test"].values == 1.0
+    assert runs.sum() > 5
+    assert not runs[-20:].any()
+    assert np.ptp(ds["command"].values[runs]) > 0.02 or case != "to its end"
+    if language == "python":
+        assert found[:, 1].tolist() == ds["test"].values.tolist()
+        assert found[-1, 2] == float(ds["test_aborted"])
+    assert case != "disabled" or float(ds["test_aborted"]) in (2.0, 3.0, 4.0)
+
+
+@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("language", WORST)
+def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, name, language):
+    if language == "c" and shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    files = export(tmp_path, name, language)
+    assert WORST[language](*files) <= 1e-12
+    rows = vectors(files[1])
+    ended = {b["test_aborted"] for a, b in zip(rows, rows[1:], strict=False) if a["test"] > b["test"]}
+    assert ended == {0.0, 1.0, 2.0, 3.0, 4.0}
+    text = files[0].read_text()
+    assert text.isascii()
+    assert max(map(len, text.splitlines())) <= 120
+
+
+BREAKS = [
+    ("s.test_asked = start_test", "s.test_asked = False"), ("start_test and not s.test_asked", "start_test"),
+    ("s.test_asked = True", "s.test_asked = True\n    s.test_mean_known = True"), ("OVERSHOOT / FASTER", "OVERSHOOT"),
+    ("> SWINGS", "> 0.0"), ("limit_2 = AT_FIRST", "limit_2 = 1.0"), ("u_2 - KP * e_3", "u_2"),
+    (" and s.test == 0.0", ""), ("TEST_HOLD", "(TEST_HOLD + 10.0)"), ("s.u_ext = u_2", "s.u_ext = s.u"),
+    ("* (ESTIMATE_SHARE * s.estimate)", "* s.estimate"), ("s.test_aborted = DISABLED", "s.test_aborted = 0.0"),
+]  # fmt: skip
+
+
+def test_a_broken_test_is_found_by_the_vectors(tmp_path):
+    code, stored = export(tmp_path, "learner", "python")
+    text = code.read_text()
+    for law, other in BREAKS:
+        assert law in text, law
+        assert finds(python_runner(text.replace(law, other)), stored), law
+
+
+def test_it_begins_at_an_edge_alone_and_bad_readings_hold_it(tmp_path):
+    laws = module(export(tmp_path, "inverse", "python")[0])
+    s = laws.State()
+    run = [laws.step(s, 14.0, 14.0, True, True, False, 0.5) for _ in range(3)]
+    assert s.test == 0.0  # on from the start is no edge
+    for start_test in (False, True):
+        run.append(laws.step(s, 14.0, 14.0, True, start_test, False, 0.0))
+    elapsed = s.test_elapsed
+    assert laws.step(s, math.nan, 14.0, True, True, False, 0.0) == run[-1]
+    assert (s.test, s.test_elapsed) == (1.0, elapsed)
+
+
+def test_without_a_test_the_code_has_none(tmp_path):
+    for language, suffix in SUFFIXES.items():
+        plain = fc.export_controller(loop_of("learner"), tmp_path / f"plain{suffix}", language)
+        assert not re.search(r"start_test|test_|\.test\b", "".join(path.read_text() for path in plain))
+
+
+class Gains(NamedTuple):
+    kp: float
+
+
+class Nothing(NamedTuple):
+    n: float = 0.0
+
+
+def half(now, p, memory):
+    return 0.5, memory
+
+
+def test_a_law_of_your_own_and_a_motor_slower_than_the_ramps_are_refused(tmp_path):
+    for loop, says in ((fc.Loop(law=fc.law(Gains, Nothing)(half)), "back to the PI"), (fc.Loop(stroke_time=400), "400 s")):
+        with pytest.raises(fc.InputError, match=says):
+            fc.export_controller(loop, tmp_path / "valve.c", test=fc.ValveTest())
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_has_it_by_an_option_or_by_the_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bare.toml").write_text('[loop]\npreset = "lbnl"\n')
+    (tmp_path / "full.toml").write_text('[loop]\npreset = "lbnl"\ntest_start = 0\ntest_hold = 150\n')
+    for name, options in (("bare", ["--test"]), ("full", []), ("full", ["--test"])):
+        done = CliRunner().invoke(main, ["export", f"{name}.toml", "-o", "valve.c", *options])
+        assert done.exit_code == 0, done.output
+        text = (tmp_path / "valve.c").read_text()
+        assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in text
+    done = CliRunner().invoke(main, ["export", ".", "--csv", "--test"])
+    assert "--test: for the controller of a TOML file" in done.output
