@@ -161,10 +161,11 @@ def _tested(controller: Controller) -> dict[str, Array]:
     moving = np.maximum(s - settle - 6.0 * dt, 0.0)
     size = min(number["test_threshold"] + 0.5, 0.9 * excursion) * np.where(moving // 500.0 % 2.0, 0.7, 1.0)
     still, swing = np.full(s.size, min(0.2, 0.5 * excursion)), 0.3 * (-1.0) ** np.arange(s.size)
-    e = np.stack([size * np.sin(moving / 60.0), 3.0 * excursion * (s > 0.5 * settle), still, swing, still])
+    beyond = 1.5 * excursion * (1.0 + (s > 0.6 * settle + 4.0 * dt)) * (s > 0.3 * settle + 3.0 * dt)
+    e = np.stack([size * np.sin(moving / 60.0), beyond, still, swing, still])
     enabled, start_test, reset, start_command = (np.full(e.shape, x) for x in (1.0, 1.0, 0.0, 0.0))
     reset[:, 0], start_command[:, 0] = 1.0, (0.5, 0.5, 0.98, 0.5, 0.5)
-    start_test[:, :3] = 0.0
+    start_test[:, 1:3] = 0.0  # on from the start begins none
     enabled[4, 6:14] = 0.0
     start_test[4, [9, 10, 16, 17]] = 0.0  # asked for again while the plant is off, and on
     seen = _seen(controller, e.ravel(), np.full(e.size, 24.0 if controller.heats else 14.0), enabled.ravel())

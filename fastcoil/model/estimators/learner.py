@@ -160,7 +160,8 @@ def step(now, p, memory):
     learning, climbing = memory.learning > 0.0, memory.climbing > 0.0
     switches = now.switches - memory.switches
     f = switch_frequency(switches, p.learning_interval)
-    ends = now.t >= memory.next_update
+    # one that ends while a valve test runs is taken at the first sample after it
+    ends = now.t >= memory.next_update and (samples or now.t == memory.next_update)
     good = evidence(switches, f, memory.reference, p.sample_time, p.learning_min_switches, p.learning_max_reference)
     enough = good == ENOUGH
     starts = memory.averaged < 0.0
@@ -218,7 +219,7 @@ def confirms(t, p, memory, x_bl, reached, confirmed):
 
 def periods(rows: Mapping[str, np.ndarray]) -> np.ndarray:
     """Seconds that the learners of a block act at multiples of: intervals, and samples where these count."""
-    often = (rows["learning_early_trip"] > 0.0) | (rows["learning_error_ratio"] > 0.0)
+    often = (rows["learning_early_trip"] > 0.0) | (rows["learning_error_ratio"] > 0.0) | (rows["test_start"] >= 0.0)
     return np.concatenate([rows["learning_interval"], rows["sample_time"][often]])
 
 

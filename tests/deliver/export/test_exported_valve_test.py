@@ -29,11 +29,22 @@ LOOPS = {
 }
 MORE = {
     "pi": {},
-    "measured": {"backlash_estimate": 0.07, "buffer_ratio": 3.0, "buffer_noise": "measured"},
+    "measured": {
+        "backlash_estimate": 0.07,
+        "buffer_ratio": 3.0,
+        "buffer_noise": "measured",
+        "plant_gain": 15.0,
+        "buffer_swing": 0.5,
+    },
     "hagglund": {"estimator": "hagglund", "plant_gain": 15.0},
     "gradient": {"estimator": "gradient", "compensation": "additive"},
     "identify": {"estimator": "identify", "sample_time": 15.0},
-    "heating_learner": {"preset": "heating", "learning_step": 0.01, "compensation": "smooth", "learning_interval": 300.0},
+    "heating_learner": {
+        "preset": "heating",
+        "learning_step": 0.01,
+        "compensation": "smooth",
+        "learning_interval": 600.0,
+    },
 }
 EACH = [*LOOPS, *(pytest.param(name, marks=pytest.mark.full) for name in MORE)]
 
@@ -122,17 +133,16 @@ def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, n
     rows = vectors(files[1])
     ended = {b["test_aborted"] for a, b in zip(rows, rows[1:], strict=False) if a["test"] > b["test"]}
     assert ended == {0.0, 1.0, 2.0, 3.0, 4.0}
-    text = files[0].read_text()
-    assert text.isascii()
-    assert max(map(len, text.splitlines())) <= 120
+    assert files[0].read_text().isascii()
 
 
 BREAKS = [
     ("s.test_asked = start_test", "s.test_asked = False"), ("start_test and not s.test_asked", "start_test"),
-    ("s.test_asked = True", "s.test_asked = True\n    s.test_mean_known = True"), ("OVERSHOOT / FASTER", "OVERSHOOT"),
-    ("> SWINGS", "> 0.0"), ("limit_2 = AT_FIRST", "limit_2 = 1.0"), ("u_2 - KP * e_3", "u_2"),
-    (" and s.test == 0.0", ""), ("TEST_HOLD", "(TEST_HOLD + 10.0)"), ("s.u_ext = u_2", "s.u_ext = s.u"),
-    ("* (ESTIMATE_SHARE * s.estimate)", "* s.estimate"), ("s.test_aborted = DISABLED", "s.test_aborted = 0.0"),
+    ("s.test_asked = True", "s.test_asked = False"), ("OVERSHOOT / FASTER", "OVERSHOOT"), ("> SWINGS", "> 0.0"),
+    ("limit_2 = AT_FIRST", "limit_2 = 1.0"), ("u_2 - KP * e_3", "u_2"), (" and s.test == 0.0", ""),
+    ("since >= TEST_HOLD", "since > TEST_HOLD"), ("s.u_ext = u_2", "s.u_ext = s.u_ext"), ("= DISABLED", "= NO"),
+    ("x_hat = ESTIMATE_SHARE * s.estimate", "x_hat = s.estimate"), ("s.rising = mode_2 > 0.0", "s.rising = s.rising"),
+    ("-SAMPLE_TIME", "0.0"), ("mean = s.test_mean + weight", "mean = s.test_mean + 0.9 * weight"),
 ]  # fmt: skip
 
 
@@ -175,7 +185,10 @@ def half(now, p, memory):
 
 
 def test_a_law_of_your_own_and_a_motor_slower_than_the_ramps_are_refused(tmp_path):
-    for loop, says in ((fc.Loop(law=fc.law(Gains, Nothing)(half)), "back to the PI"), (fc.Loop(stroke_time=400), "400 s")):
+    for loop, says in (
+        (fc.Loop(law=fc.law(Gains, Nothing)(half)), "back to the PI"),
+        (fc.Loop(stroke_time=400), "400 s"),
+    ):
         with pytest.raises(fc.InputError, match=says):
             fc.export_controller(loop, tmp_path / "valve.c", test=fc.ValveTest())
     assert not list(tmp_path.iterdir())
