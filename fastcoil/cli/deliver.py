@@ -142,10 +142,7 @@ def export(
 
 
 def export_code(path: Path, language: str | None, out: Path | None, has_test: bool) -> None:
-    """Write the code of the controller in a study file; sweep, boundary and run are ignored.
-
-    has_test: it has a valve test also where the file gives none, then that of its action.
-    """
+    """Write the code of the controller in a study file, with a valve test if asked; only the loop counts."""
     from fastcoil.deliver.export.export import SUFFIXES, export_controller
     from fastcoil.loops.valve_test import ValveTest
     from fastcoil.study.file.own_code import load_rules

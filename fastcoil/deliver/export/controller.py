@@ -76,7 +76,8 @@ class Controller:
         self.tests = loop["test_start"] is not None
         self.rests = estimator is None or estimator.periods is None
         self.pauses = self.tests and not (estimator is not None and estimator.sees_test)
-        self.estimating = self.deciding = self.testing = None
+        self.estimating = self.deciding = None
+        self.testing: Port | None = None
         self.ports: list[Port] = []
         self.sees_air = False
         # names of what stands around the rules
@@ -88,8 +89,7 @@ class Controller:
             taken += names_in(self.estimating.step)
         if law is not None:
             self.deciding = self._port("law", law, written.get(law.name, law.step), taken)
-        if self.tests:
-            self.testing = self._port("test", TEST, TEST.step, taken)
+        self.testing = self._port("test", TEST, TEST.step, taken) if self.tests else None
         self.ports = [port for port in (self.estimating, self.deciding, self.testing) if port is not None]
         self.sees_air = any("m_a" in port.reads for port in self.ports)
 
@@ -100,15 +100,11 @@ class Controller:
         estimate = "s.estimate" if self.word["estimator"] != "none" else "BACKLASH_ESTIMATE"
         if kind == "test" and self.number["estimate_share"] != 1.0:
             estimate = f"ESTIMATE_SHARE * {estimate}"
+        names = rule.Parameters._fields
         return Translator(
-            kind,
-            rule,
-            function,
-            {name: self.number[name] for name in rule.Parameters._fields},
-            literal={name for name in rule.Parameters._fields if name in self.word},
-            estimate=estimate,
-            names=taken,
-        ).port()
+            kind, rule, function, {name: self.number[name] for name in names},
+            literal={name for name in names if name in self.word}, estimate=estimate, names=taken,
+        ).port()  # fmt: skip
 
     def _require_cycles(self) -> None:
         """Refuse a learner whose intervals are no whole number of cycles."""

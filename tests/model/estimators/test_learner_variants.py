@@ -63,6 +63,17 @@ def test_a_set_point_step_or_a_start_is_no_error_of_the_estimate():
 
 
 @pytest.mark.kernel
+def test_an_interval_that_ends_in_a_valve_test_is_taken_behind_it_whatever_the_neighbours_do():
+    loop = fc.Loop.preset("lbnl").assign(**LEARNER | {"learning_interval": 600.0}, backlash=0.05, sample_time=5)
+    with_test = {"test": fc.ValveTest(start=2400, minutes=15), "traces": ["estimate"], "warm_up": 0}
+    alone = fc.simulate(loop, fc.paper_day(hours=2, seed=5), **with_test)["estimate"].values
+    for name, values in {"learning_early_trip": [0, 1], "sample_time": [5, 7]}.items():
+        ds = fc.simulate(loop.assign(**{name: values}), fc.paper_day(hours=2, seed=5), **with_test)
+        assert np.array_equal(ds["estimate"].isel({name: 0}).values, alone)
+    assert alone[3304] == alone[2400] != alone[3305]
+
+
+@pytest.mark.kernel
 def test_a_learner_that_looks_at_its_error_changes_no_bit_of_its_neighbours(hour):
     cases = {"learning_reference": [0, 1, 1], "learning_error_ratio": [0.0, 0.0, 0.8], "sample_time": [30, 7, 11]}
     shared = {"learning_step": 0.01, "learning_interval": 600.0, "noise_std": 0.02, **DEAF}
