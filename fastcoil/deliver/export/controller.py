@@ -65,6 +65,7 @@ class Controller:
         self.number: dict[str, float] = dict(zip((*PARAMETER_ROWS, *rules.own), values, strict=True))
         self.word = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
         self.parameters = loop.parameters
+        self.heats = self.word["action"] == "heating"
         self._require_cycles()
         known = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
         estimator = next((one for one in known if one.name == self.word["estimator"]), None)
@@ -115,11 +116,6 @@ class Controller:
                 f"learning_interval = {interval:g} s is not a whole number of cycles of {sample:g} s (sample_time): "
                 f"give {below:g} or {above:g}, say"
             )
-
-    @property
-    def heats(self) -> bool:
-        """Whether it opens the valve to heat."""
-        return self.word["action"] == "heating"
 
     def text(self) -> str:
         """The laws in Python, without what this controller does not need."""

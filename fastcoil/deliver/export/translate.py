@@ -66,6 +66,7 @@ class Translator(Formulas):
         self.Memory = rule.Memory
         self.numbers, self.literal, self.estimate = numbers, literal, estimate
         self.goal = {"law": "s.decided", "estimator": "s.estimate", "test": "s.command"}[kind]
+        # state and inputs of the controller that the valve test alone knows
         self.follows = [f"s.{n}" for n in getattr(rule, "follows", ())]
         self.flags = ("enabled", "begins") if kind == "test" else ()
         self.kinds["s.rising"] = "flag"

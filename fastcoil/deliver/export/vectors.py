@@ -1,7 +1,7 @@
 """Golden vectors: made-up records that take a controller through all that it does, and what fastcoil makes of them.
 
 Each row is a cycle: what the controller sees, and what it answers.  The answers are those of fastcoil's own kernel, but
-for starts from a command, bad readings and holds: no simulation has them, and the laws in Python answer.
+for starts from a command, bad readings, holds and made-up valve tests: there the laws in Python answer.
 """
 
 import math
@@ -93,7 +93,7 @@ def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
     inputs = tuple(name for name in _INPUTS if not lacks.get(name, False))
     outputs = [name for name in (*OUTPUTS, "switches", "test_aborted") if not lacks.get(name, False)]
     runs = []
-    for record in [_handled(controller), _tested(controller)][: 1 + controller.tests]:
+    for record in (_handled(controller), *([_tested(controller)] if controller.tests else [])):
         given = {name: record[name] for name in inputs}
         answers = np.array(list(cycles(text, given, outputs))).T
         runs.append(given | dict(zip(outputs, answers, strict=True)))
@@ -204,9 +204,8 @@ def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -
     T_sup = ds["T_measured"].values
     asked = (np.arange(0, enabled.size, sample_time) >= _TEST_START).astype(float)
     rows = _rows(ds, {"T_sup": T_sup, **series, "enabled": enabled[::sample_time], "start_test": asked})
-    good = (T_sup > _LIMITS[0]) & (T_sup < _LIMITS[1])
-    end = T_sup.size if bool(good.all()) else int(np.argmin(good))
-    return {name: values[:end] for name, values in rows.items()}
+    good = np.logical_and.accumulate((T_sup > _LIMITS[0]) & (T_sup < _LIMITS[1]))
+    return {name: values[good] for name, values in rows.items()}
 
 
 def _rows(ds: xr.Dataset, inputs: dict[str, Array]) -> dict[str, Array]:
