@@ -20,7 +20,7 @@ def fed(e, mode, p=P, u=0.5, estimate=0.03, T_set=14.0, m_a=1.0):
     now_set = np.append(samples[3][1:], samples[3][-1])
     for k, (e_k, mode_k, u_k, set_k, m_a_k) in enumerate(zip(*samples, strict=True)):
         T = set_k + sign * e_k
-        now = Sample((k + 1) * p.sample_time, now_set[k], m_a_k, T, e_k, u_k, 0.5, mode_k, 0.0, estimate)
+        now = Sample((k + 1) * p.sample_time, now_set[k], m_a_k, T, e_k, u_k, 0.5, mode_k, 0.0, estimate, 0.0)
         estimate, memory = step(now, p, memory)
         found.append(float(estimate))
     return np.array(found)
