@@ -229,8 +229,8 @@ def regressed_pi(command: Array, error: Array, before: Index, after: Index, inte
         kp, ki = np.linalg.lstsq(X[kept], du[kept], rcond=None)[0]
         sums = np.stack([command[i] - kp * error[i] for i in (before, after)])
         kept = inside & (sums.min(axis=0) > EDGE) & (sums.max(axis=0) < 1.0 - EDGE)
-    left = du[kept] - X[kept] @ (kp, ki)
-    return _Fit(float(kp), float(ki), 1.0 - float(left @ left) / float(du[kept] @ du[kept]))
+    left, total = du[kept] - X[kept] @ (kp, ki), float(du[kept] @ du[kept])
+    return _Fit(float(kp), float(ki), 1.0 - float(left @ left) / total) if total > 0.0 else None
 
 
 STEP = 5.0  # the loop is simulated at this many seconds or less

@@ -5,7 +5,7 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.measured.agreement import implied_law
-from fastcoil.measured.fitted_plant import recover_pi
+from fastcoil.measured.fitted_plant import recover_pi, regressed_pi
 from fastcoil.measured.identify import arrivals, is_provoked, share_to_and_fro
 
 INTERVAL = 10.0
@@ -100,3 +100,16 @@ def test_gains_of_a_loop_that_hunts_are_found_whatever_the_rhythm_of_its_control
     found = recover_pi(command, T, day.series["T_set"][0, ::10], 10.0, np.ones(T.size, bool), None)
     assert found.sample_time == sample_time
     assert (found.kp, found.ti) == pytest.approx((0.03, 15.0), rel=0.05)
+
+
+def test_commands_that_fit_no_pi_that_is_not_saturated_have_none():
+    """The gains of one half saturate the integral in that half and not in the other, and the other way round."""
+
+    def half(n, error, command, kp):
+        swings = 0.2 * (-1.0) ** np.arange(n)
+        return error + swings, command + kp * swings
+
+    (e_1, u_1), (e_2, u_2) = half(41, 10.0, 0.5, 0.06), half(61, 14.0, 0.9, -0.06)
+    before = np.delete(np.arange(101), 40)
+    found = regressed_pi(np.r_[u_1, u_2], np.r_[e_1, e_2], before, before + 1, np.zeros(100))
+    assert found is None
