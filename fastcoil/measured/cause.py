@@ -33,7 +33,7 @@ than that of the model where the command explains a smaller share of the changes
 fast disturbances are so many times as large as its swing."""
 
 
-REMAINS, DIES, MOVES = 0.5, 1.0, 0.25
+REMAINS, DIES, MOVES = 0.5, 0.75, 0.25
 """Share of a swing that remains while the command is held, above which it comes from outside; periods of the swing for
 which the command has to be held for a swing that dies to be the loop's own; K that the temperature drifts on calm days
 in such a hold, and that it has to move for something outside to be blamed."""
@@ -46,7 +46,13 @@ class Cause(NamedTuple):
     because: str
 
 
-def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) -> Cause:
+def dies(measures: Measures, held_swing: float, held_for: float) -> bool:
+    """Whether a swing dies while the command is held for ``held_for`` s, and is the loop's own."""
+    swing = measures.swing
+    return held_swing <= REMAINS * swing.peak_to_peak and held_for >= DIES * swing.period
+
+
+def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool, own: bool = False) -> Cause:
     """Judge why a loop swings.
 
     The fitted loop is simulated on the day of the log with all fast disturbances taken away, with its gap and without.
@@ -54,6 +60,7 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
 
     measures: what the log shows.  fitted: the loop as a model, or why there is none; one that does not repeat its log
     to the letter may do.  identified: whether the log resolves the backlash; if it does not, the model has to be clear.
+    own: whether the swing is known to be the loop's own.
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:
@@ -65,7 +72,7 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool) 
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := too_little(fitted):
         return Cause(UNKNOWN, sentence)
-    return _of_model(fitted, measures, identified)
+    return _of_model(fitted, measures, identified, own)
 
 
 def after_hold(cause: Cause, measures: Measures, held_swing: float, held_for: float) -> Cause:
@@ -77,15 +84,14 @@ def after_hold(cause: Cause, measures: Measures, held_swing: float, held_for: fl
         moved = f"the temperature moved by {held_swing:.2g} K while the command was held"
         return Cause(DISTURBANCE, moved) if held_swing > MOVES else cause
     share = f"{100 * held_swing / swing.peak_to_peak:.0f} % of the swing remained while the command was held"
-    remains = held_swing > REMAINS * swing.peak_to_peak
-    if remains and held_swing > MOVES:
+    if held_swing > max(REMAINS * swing.peak_to_peak, MOVES):
         return Cause(DISTURBANCE, share)
-    if cause.name == DISTURBANCE and not remains and held_for >= DIES * swing.period:
+    if cause.name == DISTURBANCE and dies(measures, held_swing, held_for):
         return Cause(TUNING, f"only {share}, and the gap does not explain it")
     return cause
 
 
-def _of_model(fitted: FittedLoop, measures: Measures, identified: bool) -> Cause:
+def _of_model(fitted: FittedLoop, measures: Measures, identified: bool, own: bool) -> Cause:
     swing = measures.swing
     quiet = by_itself(fitted, swing)
     # with how many gains the loop swings by itself as the log does
@@ -95,7 +101,7 @@ def _of_model(fitted: FittedLoop, measures: Measures, identified: bool) -> Cause
     if without >= _MOST:
         return Cause(TUNING, "the loop would hunt with a perfect valve, too")
     if with_gap >= _MOST and without == 0:
-        return _of_gap(fitted, quiet, measures, identified)
+        return _of_gap(fitted, quiet, measures, identified, own)
     if with_gap == 0 and not quiet.played(fitted.backlash, FAR_FROM_HUNTING).hunts:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
     return Cause(
@@ -113,11 +119,11 @@ def by_itself(fitted: FittedLoop, swing: Swing) -> FittedLoop:
     return fitted._replace(day=day._replace(disturbance=slow, noise=np.zeros_like(day.noise), T_set=day.T_set + kick))
 
 
-def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, identified: bool) -> Cause:
+def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, identified: bool, own: bool) -> Cause:
     """The cause where the model hunts with its gap and not without."""
-    if because := _more_than_the_gap(fitted, quiet, measures):
+    if because := _more_than_the_gap(fitted, quiet, measures, own):
         return Cause(UNKNOWN, f"the loop would hunt with its gap and not without, but {because}")
-    if identified:
+    if identified or own:
         return Cause(BACKLASH, "the loop would not hunt without it")
     because = f"it would hunt with a gap of {100 * fitted.backlash:.2g} % and not without"
     if _is_clear(quiet, measures.swing):
@@ -125,11 +131,13 @@ def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, identifie
     return Cause(UNKNOWN, f"{because}, but the gap is not identified")
 
 
-def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures) -> str:
+def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, own: bool) -> str:
     """What speaks for another cause of a swing that the gap alone would make, too, or nothing."""
     swing, plant = measures.swing, fitted.plant
     if measures.command_swing > _TIMES_GAP * fitted.backlash:
         return f"the command swings over {measures.command_swing / fitted.backlash:.0f} times the gap"
+    if own:
+        return ""
     if plant.explained < _WELL_EXPLAINED and 2.0 * quiet.played(quiet.backlash).amplitude < swing.peak_to_peak:
         return "by less than the log: something outside seems to add to the swing"
     smooth = running_mean(

@@ -14,7 +14,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of
+from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of, dies
 from fastcoil.measured.diagnose import as_measured, identified, seconds_of
 from fastcoil.measured.diagnosis import profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
@@ -206,7 +206,8 @@ def _cause(grid: Grid, stroke_time: float, first: int, found: Identification, he
     fitted = fit_loop_model(
         values["command"], values["T_sup"], values["T_set"], grid.interval, gap, stroke_time, None, before.on, None
     )
-    return after_hold(cause_of(measures, fitted, identified=found.identified), measures, *held)
+    own = dies(measures, *held)
+    return after_hold(cause_of(measures, fitted, identified=found.identified, own=own), measures, *held)
 
 
 def _signals(grid: Grid, command: Array, answer: Response, first: int, last: int, window: slice) -> xr.Dataset:

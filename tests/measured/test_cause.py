@@ -106,12 +106,15 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         ({"without": 1.4}, "unknown", "but the gap is not identified"),
         ({"without": 1.5}, "backlash", "the size is not identified"),
         ({"size": 0.7}, "unknown", "but the gap is not identified"),
+        ({"size": 0.7, "own": True}, "backlash", "the loop would not hunt without it"),
         ({"size": 0.7, "identified": True}, "backlash", "the loop would not hunt without it"),
         ({"share": 0.1, "identified": True}, "unknown", "the command swings over 10 times the gap"),
         ({"explained": 0.8, "identified": True}, "backlash", "the loop would not hunt without it"),
         ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside seems to add"),
         ({"outside": 1.8, "identified": True}, "backlash", "the loop would not hunt without it"),
         ({"outside": 2.2, "identified": True}, "unknown", "hide its swing"),
+        ({"outside": 2.2, "own": True}, "backlash", "the loop would not hunt without it"),
+        ({"share": 0.1, "own": True}, "unknown", "the command swings over 10 times the gap"),
     ],
 )
 def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
@@ -121,7 +124,7 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
 
     size, outside: swings of model and disturbance over that of the log; share: of the command's swing that the gap is.
     """
-    one = {"without": None, "size": 1.0, "share": 0.5, "explained": 1.0, "outside": 0.0, "identified": False} | changes
+    one: dict = {"without": None, "size": 1.0, "share": 0.5, "explained": 1.0, "outside": 0.0} | changes
     grid, measures = restless
     values, swing = grid.values, measures.swing
     loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.05, 90.0, 15.0, grid.on)
@@ -138,7 +141,7 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
 
     monkeypatch.setattr(FittedLoop, "played", played)
     monkeypatch.setattr("fastcoil.measured.cause.FULL_SWING", 2.0)
-    said = cause_of(measures, loop, identified=one["identified"])
+    said = cause_of(measures, loop, identified=one.get("identified", False), own=one.get("own", False))
     assert said.name == cause
     assert says in said.because
 

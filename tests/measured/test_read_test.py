@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, after_hold
+from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, after_hold, dies
 from fastcoil.measured.measures import NO_SWING, Measures
 from fastcoil.measured.valve_response import stems
 
@@ -177,6 +177,10 @@ def test_what_remains_of_a_swing_while_the_command_is_held_tells_where_it_comes_
     assert after_hold(Cause(TUNING, ""), swings, 0.1, 450.0).name == TUNING
     assert after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 450.0).name == TUNING
     assert after_hold(Cause(DISTURBANCE, ""), swings, 0.1, 30.0).name == DISTURBANCE
+    assert dies(swings, 0.1, 450.0)
+    assert not dies(swings, 0.7, 450.0)
+    assert not dies(swings, 0.1, 250.0)
+    assert not dies(swings, np.nan, 450.0)
     calm = swings._replace(swing=NO_SWING)
     assert after_hold(Cause(NONE, ""), calm, 0.5, 450.0).name == DISTURBANCE
     assert after_hold(Cause(NONE, ""), calm, 0.1, 450.0).name == NONE
