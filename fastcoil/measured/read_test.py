@@ -154,7 +154,7 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
     if len(found) > 1:
         notes.append(f"the log has {len(found)} tests: the last is read, for another give between, --between")
     first, last = int(found[-1][0]), int(found[-1][1])
-    if np.unique(held(grid.values["T_sup"])[first:last]).size < 2:
+    if np.unique(held(grid.values["T_sup"])[first : last + round(AFTER / grid.interval)]).size < 2:
         raise InputError(f"{name}: T_sup does not move in the test: check its sensor and how it is logged")
     return first, last
 

@@ -132,6 +132,13 @@ def test_a_test_with_a_hole_in_its_log_is_one_test(logs):
     assert not any("tests" in note for note in r.notes)
 
 
+def test_a_test_that_ended_at_once_says_nothing(logs):
+    log = logs[0.08]
+    r = fc.read_test(log.assign(test=log.test.where(log.elapsed_time <= START, 0.0)), stroke_time=90)
+    assert not r.identified
+    assert "does not turn back" in r.reason
+
+
 def test_of_several_tests_the_last_is_read(logs, found):
     log = logs[0.08]
     test = log.test.where((log.elapsed_time < 1000) | (log.elapsed_time > 1200), 1.0)
