@@ -35,7 +35,7 @@ _HOME = {
     "law": "model.user_rules",
     "limit_cycle": "design.limit_cycle",
     "linearise": "design.linearise",
-    "nyquist": "design.nyquist_figure",
+    "nyquist": "design.limit_cycle",
     "open_study": "study.folder.results",
     "paper_day": "loops.boundary.days",
     "parameter": "model.user_rules",

@@ -11,6 +11,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, whole_of
 from fastcoil.base.arrays import Array
+from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.base.text import aligned
 from fastcoil.design.advice import (
     AS_IS,
@@ -32,13 +33,13 @@ from fastcoil.design.advice import (
     verdict,
     with_simulated_gains,
 )
-from fastcoil.design.explain_page import draw
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import (
     PARTS,
     Prediction,
     acts_wrong_way,
+    cycles_at,
     left_out,
     nearest_linear,
     phase_shares,
@@ -53,6 +54,7 @@ from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import STATUS_OK, WARM_UP
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LONGEST = 7 * 86400
@@ -242,7 +244,33 @@ class Explanation:
     @property
     def why(self) -> str:
         """The reason in a sentence."""
-        return _why(self)
+        if self.prediction is None:
+            return f"Why: theory cannot tell, since {'; '.join(self.doubts)}.  The answer is that of the simulation."
+        kp, ti, stroke, backlash = (float(self.loop[n]) for n in ("kp", "ti", "stroke_time", "backlash"))  # type: ignore[arg-type]
+        margin, tried = self.margin, self.cures["cure"].values
+        known = f"margin {margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}"
+        # the margin goes with kp
+        factor = HUNTS_ABOVE / margin if margin else math.inf
+        if not self.predicted:
+            return _why_not_predicted(self, self.prediction, known, factor, ti)
+        ends = "" if self.hunts else "  On this day no such swing lasts."
+        if margin <= HUNTS_ABOVE:
+            # calm by its margin, but not once it swings: the margin is that of swings up to 2 K
+            motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
+            begun = "a large swing keeps itself up once it has begun, though a small one dies away"
+            return f"Why: {motor}{begun} ({known}).{ends}"
+        if LONGER_TI in tried:
+            needed = f"with this kp the loop needs about {float(self.cures['ti'].sel(cure=LONGER_TI)):g} s"
+            fault = f"the integral is too fast for the coil: ti = {ti:.4g} s, while {needed}"
+        else:
+            highest = f"{number(kp * factor)} 1/K with this ti"
+            fault = f"the gain is too high: kp = {kp:.4g} 1/K, while it has to be below {highest}"
+        if self.hunts and REPAIRED in tried and not self.cures["hunting"].sel(cure=REPAIRED):
+            motor = f" and the motor's {stroke:g} s" if stroke else ""
+            ends = f"  Any backlash starts it; its {per_cent(backlash)}{motor} set the size of the swing."
+        elif self.hunts:
+            ends = "  It swings behind a perfect valve, too."
+        return f"Why: {fault} ({known}).{ends}"
 
     @property
     def text(self) -> str:
@@ -260,10 +288,22 @@ class Explanation:
     def __str__(self) -> str:
         return self.text
 
+    @apply_style()
     def plot(self) -> Figure:
-        """The explanation on one page, as a matplotlib ``Figure``."""
-        heading = f"{self.answer}\n{self.why}"
-        return draw(heading, self.boundary, self.simulated, self.advised.best, self.prediction)
+        """The explanation on one page, as a matplotlib ``Figure``; where theory cannot tell, the day alone."""
+        from matplotlib.figure import Figure
+
+        prediction, middle = self.prediction, self.boundary.n_steps // 2
+        heights = [_HEIGHT_OF_MAP, _HEIGHT_OF_DAY] if prediction is not None else [_HEIGHT_OF_DAY]
+        fig = Figure(figsize=(_WIDTH, sum(heights)), layout="constrained")
+        *above, below = fig.subplots(len(heights), squeeze=False, height_ratios=heights)[:, 0]
+        if prediction is not None:
+            _draw_gains(above[0], self.simulated, prediction)
+            middle = int(prediction.points.start[prediction.worst])
+        _draw_day(below, self.simulated, self.advised.best, self.boundary, middle)
+        heading = wrapped(f"{self.answer}\n{self.why}", _WIDTH - 0.3, 9.0)
+        fig.suptitle(heading, x=0.01, ha="left", fontsize=9)
+        return fig
 
     @property
     def answer(self) -> str:
@@ -310,38 +350,6 @@ class Explanation:
     @property
     def _failed(self) -> bool:
         return int(self.simulated["status"][0]) != STATUS_OK
-
-
-def _why(e: Explanation) -> str:
-    """The reason, in a sentence or two."""
-    if e.prediction is None:
-        return f"Why: theory cannot tell, since {'; '.join(e.doubts)}.  The answer is that of the simulation."
-    kp, ti, stroke, backlash = (float(e.loop[n]) for n in ("kp", "ti", "stroke_time", "backlash"))  # type: ignore[arg-type]
-    margin, tried = e.margin, e.cures["cure"].values
-    known = f"margin {margin:.2g}; a loop hunts above {HUNTS_ABOVE:g}"
-    # the margin goes with kp
-    factor = HUNTS_ABOVE / margin if margin else math.inf
-    if not e.predicted:
-        return _why_not_predicted(e, e.prediction, known, factor, ti)
-    ends = "" if e.hunts else "  On this day no such swing lasts."
-    if margin <= HUNTS_ABOVE:
-        # calm by its margin, but not once it swings: the margin is that of swings up to 2 K
-        motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
-        begun = "a large swing keeps itself up once it has begun, though a small one dies away"
-        return f"Why: {motor}{begun} ({known}).{ends}"
-    if LONGER_TI in tried:
-        needed = f"with this kp the loop needs about {float(e.cures['ti'].sel(cure=LONGER_TI)):g} s"
-        fault = f"the integral is too fast for the coil: ti = {ti:.4g} s, while {needed}"
-    else:
-        fault = (
-            f"the gain is too high: kp = {kp:.4g} 1/K, while it has to be below {number(kp * factor)} 1/K with this ti"
-        )
-    if e.hunts and REPAIRED in tried and not e.cures["hunting"].sel(cure=REPAIRED):
-        motor = f" and the motor's {stroke:g} s" if stroke else ""
-        ends = f"  Any backlash starts it; its {per_cent(backlash)}{motor} set the size of the swing."
-    elif e.hunts:
-        ends = "  It swings behind a perfect valve, too."
-    return f"Why: {fault} ({known}).{ends}"
 
 
 def _why_not_predicted(e: Explanation, prediction: Prediction, known: str, factor: float, ti: float) -> str:
@@ -413,3 +421,60 @@ def _where(e: Explanation, points: xr.Dataset) -> str:
         f"Where: worst at {place}.  Over the day the margin goes from {margin.min():.2g} to {margin.max():.2g}, and "
         f"{e.prediction.hunting.size} of {margin.size} operating points are predicted to hunt."
     )
+
+
+_WIDTH, _HEIGHT_OF_MAP, _HEIGHT_OF_DAY = 7.5, 3.7, 3.8  # inches
+_DRAWN, _BEFORE = 5400, 600  # seconds that are drawn, and how many of them before the worst operating point
+_SPAN, _TI_STEPS = 8.0, 60  # the map goes from the gains of now and the cures, divided by this, to as many times them
+_LABEL = 0.85  # where on a contour its label is, as a share of its length
+_CONTOURS = (0.4, HUNTS_ABOVE, 1.7)
+_ON_WHITE = {"fc": "white", "ec": "none", "pad": 0.6}
+_MARKS = {"lower_kp": ("v", "lower kp"), "longer_ti": (">", "longer ti"), "simc": ("s", "SIMC"),
+    "simulated_gains": ("D", "found by simulation"),
+}  # fmt: skip
+
+
+def _draw_gains(axes: Axes, cures: xr.Dataset, prediction: Prediction) -> None:
+    """Which kp and ti hunt at the worst operating point; the margin goes with kp."""
+    marked = np.flatnonzero(np.isin(cures["cure"], ("as_it_is", *GAINS)))
+    own_kp, own_ti = (np.broadcast_to(cures.get(n, prediction.columns[n]), cures.sizes["cure"]) for n in ("kp", "ti"))
+    times = np.geomspace(own_ti[marked].min() / _SPAN, own_ti[marked].max() * _SPAN, _TI_STEPS)
+    swept = prediction.loop.assign(ti=("tuning", times))
+    at_kp = cycles_at(swept, prediction.plants, np.array([prediction.worst])).margin[:, 0]
+    low, high = own_kp[marked].min() / _SPAN, own_kp[marked].max() * _SPAN
+    with np.errstate(divide="ignore"):
+        limits = {level: own_kp[0] * level / at_kp for level in _CONTOURS}
+    hunts = np.clip(limits[HUNTS_ABOVE], low, high)
+    axes.fill_between(times, hunts, high, color=FAINT, lw=0, label=f"hunts (margin > {HUNTS_ABOVE:g})")
+    for level, style in zip(_CONTOURS, (":", "-", ":"), strict=True):
+        axes.plot(times, limits[level], color="black" if level == HUNTS_ABOVE else GREY, lw=1.2, ls=style)
+        inside = np.flatnonzero((limits[level] > low * 1.2) & (limits[level] < high / 1.2))
+        if inside.size:
+            i = inside[int(_LABEL * inside.size)]
+            axes.text(times[i], limits[level][i], f"{level:g}", fontsize=7, ha="center", va="center", bbox=_ON_WHITE)
+    axes.plot(own_ti[0], own_kp[0], "o", color=RED, ms=7, label="as it is")
+    for k in marked[1:]:
+        mark, words = _MARKS[str(cures["cure"].values[k])]
+        colour = BLUE if cures["hunting"][k] == 0 else YELLOW
+        axes.plot(own_ti[k], own_kp[k], mark, ms=7, color=colour, mec="black", mew=0.6, ls="none", label=words)
+    axes.set(xscale="log", yscale="log", xlim=(times[0], times[-1]), ylim=(low, high))
+    axes.set(xlabel="integral time Ti [s]", ylabel="proportional gain Kp [1/K]")
+    axes.set_title("Which gains hunt, by their margin", loc="left")
+    axes.legend(loc="lower right", fontsize=7)
+
+
+def _draw_day(axes: Axes, cures: xr.Dataset, best: int, boundary: Boundary, middle: int) -> None:
+    """Part of the day as it is, and with the recommended cure."""
+    t = cures["elapsed_time"].values
+    start = max(0, min(middle - _BEFORE, boundary.n_steps - _DRAWN))
+    seen = (t >= start) & (t < start + _DRAWN)
+    hours = t[seen] / 3600.0
+    axes.plot(hours, cures["T_sup"][0][seen], color=RED, lw=1.0, label="as it is")
+    if best:
+        axes.plot(hours, cures["T_sup"][best][seen], color=BLUE, lw=1.2, label=str(cures["words"].values[best]))
+    T_set = boundary.series["T_set"][0][t[seen].astype(int)]
+    axes.plot(hours, T_set, color="black", lw=0.9, ls="--", label="set-point")
+    axes.set(xlabel="time from the start [h]", ylabel="supply air [°C]")
+    axes.margins(x=0.0)
+    axes.set_title("Simulated", loc="left")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)

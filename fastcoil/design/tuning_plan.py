@@ -20,7 +20,6 @@ from fastcoil.design.linearise import first_order, simc
 from fastcoil.design.measures import MARGIN, TRAVEL, Limit, Measure, goal_of, limits_of, reported
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import Columns, Plants
-from fastcoil.design.search import effort
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.samples import day_digest
 from fastcoil.loops.clashes import check_clashes
@@ -129,6 +128,18 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
 
 OBJECTIVE, QUANTILE, EVALUATIONS = "rmse", 0.95, 240
 MOST_EVALUATIONS = 100_000
+_LEAST = 8  # points of the smallest generation
+
+
+def effort(d: int, evaluations: int) -> tuple[int, int, int]:
+    """How ``evaluations`` points of ``d`` axes are spent.
+
+    Returns the points of a generation, the generations that seek the goal, the first one among them, and those that go
+    along the front, a quarter.
+    """
+    size = max(_LEAST, 4 * d)
+    generations = max(1, round(evaluations / size))
+    return size, generations - generations // 4, generations // 4
 
 
 class Asked(NamedTuple):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fastcoil.design.search import Scores, best, effort, evolve, on_front
+from fastcoil.design.tune import Scores, best, effort, evolve, on_front
 
 
 def searched(goal, violation, d, evaluations, seed, first=None, travel=None):
