@@ -14,8 +14,7 @@ import traceback
 
 from fastcoil.base.errors import EXIT_BUG, EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED
 from fastcoil.cli.main import main
-from fastcoil.cli.streams import guard_streams
-from fastcoil.cli.terminal import say
+from fastcoil.cli.terminal import guard_streams, say
 
 
 def run() -> None:

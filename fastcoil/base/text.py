@@ -24,6 +24,14 @@ def no_formula(text: str) -> str:
     return _FORMULA.sub(r"\1'", text)
 
 
+def number_or_word(text: str) -> float | str:
+    """The number that a text is, or the text itself."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
 """Stands for a missing value."""

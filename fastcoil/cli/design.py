@@ -14,8 +14,7 @@ from fastcoil.base.errors import InputError, missing_extra
 from fastcoil.base.files import require_file
 from fastcoil.cli.arguments import PATH, labels_of, pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_figure, write_found, write_report
-from fastcoil.cli.interrupts import interruptible
-from fastcoil.cli.terminal import announce_compilation, run_own_code, say
+from fastcoil.cli.terminal import announce_compilation, interruptible, run_own_code, say
 
 
 @click.command()

@@ -5,11 +5,9 @@ import click
 from fastcoil.base.machine import VERSION
 from fastcoil.cli.deliver import archive, cite, export, report
 from fastcoil.cli.design import explain, explore, tune
-from fastcoil.cli.fit import fit
-from fastcoil.cli.interrupts import Commands
-from fastcoil.cli.logs import diagnose, join, valve_test
-from fastcoil.cli.plot import plot
-from fastcoil.cli.study import init, parameters, plan, presets, rerun, run, status, verify
+from fastcoil.cli.logs import diagnose, fit, join, valve_test
+from fastcoil.cli.study import init, parameters, plan, plot, presets, rerun, run, status, verify
+from fastcoil.cli.terminal import Commands
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

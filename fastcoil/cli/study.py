@@ -1,26 +1,28 @@
-"""Commands on studies: ``init``, ``plan``, ``run``, ``status``, ``verify``, ``rerun``; parameter lists."""
+"""Commands on studies: ``init``, ``plan``, ``run``, ``status``, ``verify``, ``rerun``, ``plot``; parameter lists."""
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from fastcoil.base.arguments import choice_of
-from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError
-from fastcoil.base.files import commit, exists
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, nearest
+from fastcoil.base.files import commit, exists, file_name, is_folder
 from fastcoil.base.progress import duration
-from fastcoil.cli.arguments import PATH, labels_of, with_scenario
-from fastcoil.cli.interrupts import interruptible
-from fastcoil.cli.plot import draw_standard_figures
-from fastcoil.cli.terminal import announce_compilation, run_own_code, say
+from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, with_scenario
+from fastcoil.cli.terminal import announce_compilation, interruptible, run_own_code, say
 
 if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
     from fastcoil.base.progress import Advance
 
 
@@ -183,3 +185,160 @@ def presets() -> None:
     from fastcoil.loops.presets import PRESETS
 
     say(*repr(PRESETS).split("\n"))
+
+
+_WIDTHS = 40.0, 500.0  # allowed range in mm
+
+
+class _Asked(NamedTuple):
+    """What to draw.  width: inches; None: chosen by the number of panels."""
+
+    metrics: tuple[str, ...]
+    x: str | None
+    y: str | None
+    by: str | None
+    at: Mapping[str, Sequence[str]]
+    relative_to: Mapping[str, Sequence[str]]
+    width: float | None
+
+    @property
+    def name(self) -> str:
+        """Name of the figure file."""
+        axes = [*self.metrics, *(n for n in (self.y, self.by, self.x) if n)]
+        at = [f"{name}={'+'.join(labels)}" for name, labels in self.at.items()]
+        to = [f"to-{name}={'+'.join(labels)}" for name, labels in self.relative_to.items()]
+        return file_name("_".join([*axes, *at, *to]))
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
+@click.option("-x", help="Swept or sampled parameter along the x axis; a sampled one in bins of equal counts.")
+@click.option("-y", help="Second parameter: a map instead of a curve.")
+@click.option("--by", help="Further dimension: a row of panels for each of some of its values.")
+@click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
+@click.option(
+    "--relative-to", multiple=True, metavar="NAME=LABEL", help="Draw changes against this case, pair by pair, in %."
+)
+@click.option("-o", "--out", type=PATH, help="File or folder to write; the figures of FOLDER by default.")
+@click.option("--format", help="png, pdf or svg.  [default: png, or that of the file]")
+@click.option("--dpi", default="200", show_default=True, help="Dots per inch, 50 to 1200.")
+@click.option("--width", metavar="LENGTH", help="Width of the figure, such as 84mm; letters keep their size.")
+def plot(
+    folder: Path, out: Path | None, format: str | None, dpi: str, metrics: tuple[str, ...], x: str | None,
+    y: str | None, by: str | None, at: tuple[str, ...], relative_to: tuple[str, ...], width: str | None,
+) -> None:  # fmt: skip
+    """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
+    from fastcoil.base.figures import FIGURES, check_format, write
+    from fastcoil.study.folder.folder import StudyFolder
+    from fastcoil.study.folder.results import open_study
+
+    target, chosen = _target(out, format)
+    dots = int(dpi) if dpi.isdecimal() else dpi
+    check_format(chosen, dots)
+    store = StudyFolder(folder)
+    store.require_manifest()
+    if x is None and (metrics or y or by):
+        raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
+    asked = _Asked(
+        metrics, x, y, by, all_labels_of("--at", at), all_labels_of("--relative-to", relative_to), _inches(width)
+    )
+    ds = open_study(folder)
+    figures = _figures(ds, asked)
+    if not figures:
+        say("Nothing is swept in this study, so there is nothing to draw.")
+        return
+    options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
+    if target is None:
+        with store.hold():
+            paths = write(figures, folder / FIGURES, **options)
+    elif target.suffix and not is_folder(target):
+        first, *others = figures
+        paths = write({target.stem: figures[first]}, target.parent, **options)
+        if others:
+            say(f"{target} shows {first}; to write {', '.join(others)} as well, give a folder.", err=True)
+    else:
+        paths = write(figures, target, **options)
+    say(*paths)
+
+
+def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
+    """Figures by file name; empty if nothing is swept."""
+    from fastcoil.deliver.figures import study as plots
+
+    part = _part(ds, asked)
+    if asked.x is None:
+        more = f"_{asked.name}" if asked.at or asked.relative_to else ""
+        return {f"{name}{more}": draw() for name, draw in plots.standard_figures(part, asked.width).items()}
+    metrics, by = asked.metrics or plots.STANDARD_METRICS, asked.by
+    plots.rows_of(part, by)  # refused if there is no such dimension
+    unlike = [d for d in plots.control_dims(part) if d not in (asked.x, asked.y, by)]
+    if by is None and unlike:
+        by, *unlike = unlike
+    if unlike:
+        raise InputError(
+            f"{unlike[0]}: the plain PI and other controllers would be pooled in one median: select one with --at "
+            f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
+        )
+    if by and not asked.metrics:
+        metrics = metrics[: plots.panels_abreast(asked.width)]
+    return {asked.name: plots.panels(part, asked.x, asked.y, by, metrics, asked.width)}
+
+
+def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
+    """The part of the results to draw, with a title that describes it."""
+    from fastcoil.study.analysis.paired import relative_to
+    from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, numeric_dims, selected
+
+    part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
+    if asked.at:
+        words.append(f"at {in_words(part, asked.at)}")
+    if asked.relative_to:
+        case, named = case_of(part, asked.relative_to)
+        part = relative_to(part, case, named)
+        words.append(f"against {named}")
+    known, axes = drawn_parameters(part), [str(n) for n in (asked.x, asked.y, asked.by) if n]
+    if len(set(axes)) < len(axes):
+        raise InputError(f"{axes[0]} is named twice: choose two different axes")
+    swept = [*numeric_dims(part["status"]), *(str(d) for d in part["status"].dims if d == asked.by)]
+    wrong = [n for n in axes if n not in known and n not in swept]
+    if known and wrong:
+        has = f"swept are {', '.join(swept) or 'none'}, drawn {', '.join(known)}"
+        raise InputError([f"{n} is not swept or sampled{nearest(n, [*swept, *known])}: {has}" for n in wrong])
+    drawn = [n for n in axes if n in known]
+    if drawn:
+        part = binned(part, drawn)
+    return part.assign_attrs(title=", ".join(filter(None, words)))
+
+
+def _target(out: Path | None, format: str | None) -> tuple[Path | None, str]:
+    """The target path and the format."""
+    suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
+    if suffix and format and format.lower() != suffix:
+        raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
+    return out, format or suffix or "png"
+
+
+def _inches(width: str | None) -> float | None:
+    if width is None:
+        return None
+    found = re.fullmatch(r"(\d+\.?\d*)\s*mm", width.strip())
+    if found is None or not _WIDTHS[0] <= float(found[1]) <= _WIDTHS[1]:
+        raise InputError(f"--width {width}: give {_WIDTHS[0]:g} to {_WIDTHS[1]:g} mm with the unit, such as 84mm")
+    return float(found[1]) / 25.4
+
+
+def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
+    """Draw those standard figures of the results ``ds`` that are missing in ``folder`` or outdated.
+
+    The caller holds the lock of the folder.  Returns the PNG figures there that show these results.
+    """
+    from fastcoil.base.figures import FIGURES, current_figures, write
+    from fastcoil.deliver.figures import study as plots
+
+    drawn_from = ds.attrs["content_sha256"]
+    there = {path.name for path in current_figures(folder, drawn_from)}
+    for name, draw in plots.standard_figures(ds).items():
+        if f"{name}.png" not in there:
+            write({name: draw()}, folder / FIGURES, drawn_from=drawn_from)
+    return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]

@@ -13,6 +13,7 @@ import xarray as xr
 from fastcoil.base.arguments import collecting
 from fastcoil.base.errors import InputError, IntegrityError, nearest
 from fastcoil.base.files import file_name, is_file, is_folder
+from fastcoil.base.text import number_or_word
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
@@ -225,7 +226,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     loop, boundary = plan.layout.loop, plan.layout.boundary
     problems: list[str] = []
     with collecting(problems, "--set "):
-        loop = loop.assign(**{name: _number_or_word(text) for name, text in changes.items()})
+        loop = loop.assign(**{name: number_or_word(text) for name, text in changes.items()})
     if "replicate" in at:
         problems.append("--at replicate: replicates differ by their noise alone, leave it out")
     layout = Layout(loop, boundary)
@@ -271,10 +272,3 @@ def _whole(target: Path) -> tuple[str, Plan]:
             f"results, or one of {', '.join(PRESETS)}"
         )
     return study.title, study.plan
-
-
-def _number_or_word(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from helpers.processes import environment
 from helpers.studies import PLAIN, run_until_interrupted
 
-from fastcoil.cli import interrupts
-from fastcoil.cli.interrupts import Commands, interruptible
+from fastcoil.cli import terminal
+from fastcoil.cli.terminal import Commands, interruptible
 
 
 @pytest.mark.parametrize("kind", [UserWarning, DeprecationWarning, RuntimeWarning])
@@ -64,7 +64,7 @@ def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
 def test_two_interruptions_at_once_are_one(tmp_path, monkeypatch):
     both, said = {signal.SIGINT, signal.SIGTERM}, []
     monkeypatch.setattr(sys, "unraisablehook", said.append)
-    monkeypatch.setattr(interrupts, "_PATIENCE", 3600.0)  # the process is not to end
+    monkeypatch.setattr(terminal, "_PATIENCE", 3600.0)  # the process is not to end
     signal.pthread_sigmask(signal.SIG_BLOCK, both)
 
     def interrupt():

@@ -80,7 +80,7 @@ def test_a_terminal_of_few_characters_gets_the_others_escaped(shell, tmp_path):
 @pytest.mark.parametrize(("streams", "first"), [("<&- >&- 2>&-", 3), ("2>&-", 3), ("", 3)])
 def test_files_of_ours_do_not_get_the_number_of_a_closed_stream(tmp_path, streams, first):
     (tmp_path / "s.toml").touch()
-    code = "import fastcoil.cli.streams as s; s.guard_streams(); f = open('s.toml'); raise SystemExit(f.fileno())"
+    code = "import fastcoil.cli.terminal as s; s.guard_streams(); f = open('s.toml'); raise SystemExit(f.fileno())"
     done = subprocess.run(
         ["bash", "-c", f'{sys.executable} -c "{code}" {streams}'],
         cwd=tmp_path,
