@@ -12,8 +12,7 @@ from conftest import Timed
 from helpers.browsers import chromium, exploring, settled, why_no_browser
 from suite import QUICK
 
-from fastcoil.deliver.explore.loop import Model
-from fastcoil.deliver.explore.settings import Settings, settings_of
+from fastcoil.deliver.explore.loop import Model, Settings, settings_of
 
 GAPS, NOISES = 31, 11
 """Steps of two sliders."""

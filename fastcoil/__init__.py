@@ -42,14 +42,14 @@ _HOME = {
     "presets": "loops.presets",
     "read_test": "measured.read_test",
     "replay": "measured.replay",
-    "report": "deliver.report.report",
+    "report": "deliver.report.results",
     "run_study": "study.run",
     "simulate": "loops.simulate",
     "sobol_indices": "study.analysis.sobol",
     "survey": "deliver.report.survey",
     "tune": "design.tune",
     "weather_day": "loops.boundary.weather",
-    "weather_year": "loops.boundary.weather_year",
+    "weather_year": "loops.boundary.weather",
 }
 
 _loading = threading.RLock()

@@ -8,7 +8,7 @@ from fastcoil.base.errors import LockedError as LockedError
 from fastcoil.base.errors import StorageError as StorageError
 from fastcoil.deliver import figures
 from fastcoil.deliver.export.export import export_controller as export_controller
-from fastcoil.deliver.report.report import report as report
+from fastcoil.deliver.report.results import report as report
 from fastcoil.deliver.report.survey import survey as survey
 from fastcoil.design.explain import explain as explain
 from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
@@ -21,7 +21,7 @@ from fastcoil.loops.boundary.days import design_day as design_day
 from fastcoil.loops.boundary.days import heating_day as heating_day
 from fastcoil.loops.boundary.days import paper_day as paper_day
 from fastcoil.loops.boundary.weather import weather_day as weather_day
-from fastcoil.loops.boundary.weather_year import weather_year as weather_year
+from fastcoil.loops.boundary.weather import weather_year as weather_year
 from fastcoil.loops.loop import Loop as Loop
 from fastcoil.loops.presets import presets as presets
 from fastcoil.loops.simulate import simulate as simulate

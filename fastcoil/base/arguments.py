@@ -30,6 +30,12 @@ _OF_NUMPY: Mapping[str, Callable[[Any], object]] = {"b": bool, "i": int, "u": in
 """Conversions by the kind of a numpy dtype."""
 
 
+def refuse(problems: Collection[str]) -> None:
+    """Raise all mistakes found, a sentence each, as one ``InputError``; none of them is no error."""
+    if problems:
+        raise InputError(problems)
+
+
 @contextmanager
 def collecting(problems: list[str], prefix: str = "") -> Iterator[None]:
     """Add the sentences of an ``InputError`` to ``problems`` and continue."""
@@ -61,8 +67,7 @@ def checking() -> Iterator[Checks]:
     """Collect the errors of all checks in the block and raise them as one `InputError` at its end."""
     checks = Checks()
     yield checks
-    if checks.problems:
-        raise InputError(checks.problems)
+    refuse(checks.problems)
 
 
 def plain(value: Any) -> Any:
@@ -163,10 +168,7 @@ def instance_of(name: str, value: object, kind: type[T], cure: str) -> T:
 def array_of(name: str, value: Any, cure: str, kinds: str = "iuf") -> "NDArray[Any]":
     """Convert an array-like to a numpy array whose dtype is one of ``kinds``; masked values become NaN.
 
-    Raises
-    ------
-    InputError
-        If it cannot be converted, or is a range of more than ``MOST_VALUES`` values.
+    ``InputError`` if it cannot be converted, or is a range of more than ``MOST_VALUES`` values.
     """
     import numpy as np
 
@@ -208,8 +210,7 @@ def names_of(argument: str, given: object) -> list[str]:
     if not names:
         raise InputError(f"{argument} is empty: give at least one name")
     twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError([f"{argument}: {shown(name)} is given more than once: give it once" for name in twice])
+    refuse([f"{argument}: {shown(name)} is given more than once: give it once" for name in twice])
     return names
 
 

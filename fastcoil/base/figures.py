@@ -108,10 +108,7 @@ _SETTINGS: Any = {"svg.hashsalt": "fastcoil", "svg.fonttype": "none", "pdf.fontt
 def check_format(format: str, dpi: object) -> None:
     """Check the format and resolution of a figure file.
 
-    Raises
-    ------
-    InputError
-        If ``format`` is none of ``FORMATS`` or ``dpi`` no whole number from 50 to 1200.
+    ``InputError`` if ``format`` is none of ``FORMATS`` or ``dpi`` no whole number from 50 to 1200.
     """
     low, high = _DPI_RANGE
     with checking() as check:

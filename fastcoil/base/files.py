@@ -37,21 +37,11 @@ class IrregularError(ValueError):
 def read_text(path: Path, what: str, limit: int, *, utf_16: bool = False, latin_1: bool = False) -> str:
     """Read a text file named by the user: UTF-8, with or without byte order mark; line ends are kept.
 
-    Parameters
-    ----------
-    path, limit
-        The file and its maximum size in bytes.
-    what
-        What to give if this file cannot be used, such as ``"a CSV file"``.
-    utf_16
-        Also accept UTF-16 with a byte order mark.
-    latin_1
-        Fall back to Latin-1 if the file is not UTF-8, for formats whose meaning is ASCII only.
+    path, limit: the file and its maximum size in bytes.  what: what to give if this file cannot be used, such as ``"a
+    CSV file"``.  utf_16: also accept UTF-16 with a byte order mark.  latin_1: fall back to Latin-1 if the file is not
+    UTF-8, for formats whose meaning is ASCII only.
 
-    Raises
-    ------
-    InputError
-        If it does not exist, is not a regular file, is too large, is not UTF-8 or cannot be read.
+    ``InputError`` if it does not exist, is not a regular file, is too large, is not UTF-8 or cannot be read.
     """
     require_usable(path, f"give {what}")
     try:
@@ -78,14 +68,8 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
 
     follow: follow symbolic links.
 
-    Raises
-    ------
-    OSError
-        From the operating system.
-    TooLargeError
-        If it has more than ``limit`` bytes.
-    IrregularError
-        If it is a pipe, a device or a socket.
+    ``OSError`` from the operating system.  ``TooLargeError`` if it has more than ``limit`` bytes.  ``IrregularError``
+    if it is a pipe, a device or a socket.
     """
     # checked before opening: opening a device can have side effects
     _require_regular(os.stat(path, follow_symlinks=follow))
@@ -135,10 +119,7 @@ def _require_regular(found: os.stat_result) -> None:
 def commit(path: Path, data: bytes | memoryview) -> None:
     """Write ``data`` atomically: at any moment ``path`` is the complete new file or unchanged.
 
-    Raises
-    ------
-    StorageError
-        If it cannot be written; no partial file remains.
+    ``StorageError`` if it cannot be written; no partial file remains.
     """
     commit_written(path, lambda unfinished: _write(unfinished, data))
 
@@ -170,10 +151,7 @@ def make_folder(path: Path, *, parents: bool = False) -> None:
 
     Without ``parents``, a symbolic link is refused.
 
-    Raises
-    ------
-    OSError
-        From the operating system.
+    ``OSError`` from the operating system.
     """
     if not parents and path.is_symlink():
         raise OSError(errno.ELOOP, "it is a symbolic link, which may lead anywhere: remove it")
@@ -241,10 +219,7 @@ _ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)  # errors of `
 def exists(path: Path) -> bool:
     """Whether a file or folder exists.
 
-    Raises
-    ------
-    StorageError
-        If it cannot be determined, for example without permission for a parent folder.
+    ``StorageError`` if it cannot be determined, for example without permission for a parent folder.
     """
     return _status(path) is not None
 
@@ -297,10 +272,7 @@ def _status(path: Path) -> os.stat_result | None:
 def entries(folder: Path) -> list[Path]:
     """The sorted entries of a folder; empty if it does not exist.
 
-    Raises
-    ------
-    StorageError
-        If it cannot be read.
+    ``StorageError`` if it cannot be read.
     """
     with storage_errors(folder, "read"):
         try:

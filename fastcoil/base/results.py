@@ -28,12 +28,8 @@ class Result(ABC):
 def as_toml(lines: Iterable[str], path: str | Path | None) -> str:
     """Join lines of TOML, and write them to ``path`` if given.
 
-    Raises
-    ------
-    InputError
-        If ``path`` is a folder, or its folder does not exist.
-    StorageError
-        If it cannot be written; no partial file remains.
+    ``InputError`` if ``path`` is a folder, or its folder does not exist.  ``StorageError`` if it cannot be written; no
+    partial file remains.
     """
     text = "\n".join(lines) + "\n"
     if path is not None:

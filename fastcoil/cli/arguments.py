@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from fastcoil.base.arguments import path_of
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.arguments import path_of, refuse
+from fastcoil.base.errors import shown
 
 
 class UsablePath(click.ParamType):  # type: ignore[type-arg]
@@ -42,8 +42,7 @@ def pairs(option: str, given: Sequence[str]) -> dict[str, str]:
         elif name in found:
             problems.append(f"{option}: {shown(name)} is given twice: give it once")
         found[name] = value
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return found
 
 

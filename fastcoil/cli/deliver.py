@@ -26,7 +26,7 @@ def report(folder: Path, out: Path | None) -> None:
 
     diagnose, explain, fit and tune have an option --report instead.
     """
-    from fastcoil.deliver.report.report import report as written
+    from fastcoil.deliver.report.results import report as written
 
     say(f"Report:  {written(folder, out)}")
 
@@ -41,7 +41,7 @@ def with_report(command: Callable[..., None]) -> Callable[..., None]:
 def write_report(result: Any, path: Path | None) -> None:
     """Write the report of a result if ``path`` is given."""
     if path is not None:
-        from fastcoil.deliver.report.report import report as written
+        from fastcoil.deliver.report.results import report as written
 
         say(f"Report:  {written(result, path)}")
 
@@ -74,7 +74,7 @@ def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> 
 @click.option("--bibtex", "as_bibtex", is_flag=True, help="BibTeX instead of plain text.")
 def cite(folder: Path | None, as_bibtex: bool) -> None:
     """Print how to cite fastcoil and the paper, and with FOLDER its results and the version that made them."""
-    from fastcoil.deliver.report.computed import bibtex, citation
+    from fastcoil.deliver.report.page import bibtex, citation
 
     results = None
     if folder is not None:

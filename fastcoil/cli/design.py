@@ -107,7 +107,7 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     if importlib.util.find_spec("bokeh") is None:
         raise missing_extra("explore", "bokeh", "explore")
     from fastcoil.deliver.explore.loop import Model
-    from fastcoil.deliver.explore.server import serve
+    from fastcoil.deliver.explore.page import serve
     from fastcoil.loops.presets import PRESETS
     from fastcoil.study.maintenance import one_scenario
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, has_mark, is_file, is_folder, require_file
 from fastcoil.base.text import aligned, number_or_word
@@ -368,10 +369,7 @@ def _loop_of(parts: Sequence[str]) -> Loop:
     names = [part for part in parts if part in PRESETS]
     files = [part for part in parts if part not in PRESETS]
     wrong = [part for part in files if not part.endswith(".toml")]
-    if wrong:
-        raise InputError(
-            [f"--loop {shown(part)}: give one of {', '.join(PRESETS)}, or a file NAME.toml" for part in wrong]
-        )
+    refuse([f"--loop {shown(part)}: give one of {', '.join(PRESETS)}, or a file NAME.toml" for part in wrong])
     if len(names) > 1:
         raise InputError(f"--loop {' --loop '.join(names)}: give one preset")
     included = read_includes({"include": files}, Path())

@@ -264,7 +264,7 @@ def plot(
 
 def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
     """Figures by file name; empty if nothing is swept."""
-    from fastcoil.deliver.figures import study as plots
+    from fastcoil.deliver.figures import swept as plots
 
     part = _part(ds, asked)
     if asked.x is None:
@@ -334,7 +334,7 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
     The caller holds the lock of the folder.  Returns the PNG figures there that show these results.
     """
     from fastcoil.base.figures import FIGURES, current_figures, write
-    from fastcoil.deliver.figures import study as plots
+    from fastcoil.deliver.figures import swept as plots
 
     drawn_from = ds.attrs["content_sha256"]
     there = {path.name for path in current_figures(folder, drawn_from)}

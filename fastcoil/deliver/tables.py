@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.arguments import refuse
+from fastcoil.base.errors import nearest, shown
 from fastcoil.base.files import commit_written
 from fastcoil.base.text import no_formula
 from fastcoil.model.metric_table import metric_meant
@@ -78,8 +79,7 @@ def check_metrics(ds: xr.Dataset, metrics: tuple[str, ...]) -> None:
                 f"--metric {name} has values along {' and '.join(others)}, and a table has one for each scenario-day: "
                 f"name a metric, or take fc.open_study(...)[{name!r}].to_dataframe() in Python"
             )
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _words(variable: xr.DataArray) -> list[str]:

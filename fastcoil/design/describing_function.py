@@ -30,14 +30,9 @@ def describing_function(amplitude: Array, width: Array, wait: Array) -> Complex:
 
     A width below 0 is an inverse that takes the gap for larger than it is: the output is ahead.
 
-    Parameters
-    ----------
-    amplitude, width, wait
-        In one unit, of shapes that broadcast; wait at least 0 and at least the width.
+    amplitude, width, wait: in one unit, of shapes that broadcast; wait at least 0 and at least the width.
 
-    Returns
-    -------
-    N, complex; 0 where the input swings less than ``wait`` from peak to peak: then nothing ever moves.
+    Returns N, complex; 0 where the input swings less than ``wait`` from peak to peak: then nothing ever moves.
     """
     amplitude, width, wait = np.broadcast_arrays(amplitude, width, wait)
     moves = 2.0 * amplitude > wait

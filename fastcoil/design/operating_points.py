@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import array_of, checking, instance_of, is_number, plain
+from fastcoil.base.arguments import array_of, checking, instance_of, is_number, plain, refuse
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.plants import Columns, Plants, plants_of
@@ -105,8 +105,7 @@ class OperatingPoints:
 def require_pi(loop: Loop) -> None:
     """Refuse control laws other than the PI, whose open loop nobody knows."""
     words = sorted(set(np.unique(np.asarray(loop["law"])).tolist()) - {"pi"})
-    if words:
-        raise InputError([f"law = {word!r}: the open loop is known for the PI only" for word in words])
+    refuse([f"law = {word!r}: the open loop is known for the PI only" for word in words])
 
 
 def _seconds_of(at: Any, n_steps: int) -> Index | None:

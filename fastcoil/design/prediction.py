@@ -213,11 +213,8 @@ def predictions(plan: Plan) -> xr.Dataset:
     held for ever; noise does not, so that all replicates are alike.  All scenarios are predicted together, so that the
     numbers depend on their number alone and not on who ran them when.
 
-    Returns
-    -------
-    xarray.Dataset
-        ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
-        are.
+    Returns ``PREDICTIONS`` over the dims of the study; the attribute ``prediction_note`` says why some are NaN, if they
+    are.
     """
     loop, sizes = plan.layout.loop, plan.layout.sizes
     alike = {dim: n for dim, n in sizes.items() if dim != "replicate"}

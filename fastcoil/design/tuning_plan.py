@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, is_number, mapping_of, plain, whole_of
+from fastcoil.base.arguments import checking, is_number, mapping_of, plain, refuse, whole_of
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.describing_function import unknown
@@ -100,8 +100,7 @@ def axes_of(search: object, loop: Loop) -> tuple[Axis, ...]:
         for dim in loop.swept[name].dims
         if dim not in kept
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return tuple(axes)
 
 
@@ -119,8 +118,7 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
     if not isinstance(pair, (list, tuple)) or len(pair) != 2 or not all(map(is_number, pair)):
         raise InputError(WrongType(f"{name} = {shown(bounds)}: give two numbers, (lowest, highest)"))
     low, high = (float(plain(end)) for end in pair)
-    if wrong := [problem for end in (low, high) if (problem := parameter.problem(end))]:
-        raise InputError(wrong)
+    refuse([problem for end in (low, high) if (problem := parameter.problem(end))])
     if not low < high:
         raise InputError(f"{name} = {shown(bounds)}: the lowest value must be below the highest")
     return Axis(parameter, low, high)
@@ -332,8 +330,7 @@ def require_margins(loop: Loop) -> None:
     """Refuse loops about which theory says nothing, with a sentence for each reason."""
     index = np.arange(math.prod(loop.sizes.values()))
     reasons = [reason for reason, where in unknown(columns_of(loop, loop.sizes, index)).items() if np.any(where)]
-    if reasons:
-        raise InputError([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
+    refuse([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
 
 
 GAINS = ("kp", "ti")

@@ -1,7 +1,7 @@
 """One reader for every log: a file, DataFrame or Dataset as checked columns, for boundaries, fits, diagnosis, replay.
 
 In the order of reading: ``series`` (every column and unit), ``timestamps`` and ``cells`` (times and numbers as people
-write them), ``table`` (a file or Dataset as text), ``names`` (what headers mean), ``columns`` (which column is which),
+write them), ``table`` (a file or Dataset as text), ``columns`` (what headers mean, and which column is which),
 ``readings`` (bad values), ``pieces`` (gaps and jumps), ``join`` (points logged each at its own times), ``log`` (all).
 """
 

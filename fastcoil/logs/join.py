@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import collecting
+from fastcoil.base.arguments import collecting, refuse
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.cells import is_missing, is_value
-from fastcoil.logs.columns import Reading, Wanted, find_columns
-from fastcoil.logs.names import meaning_of
+from fastcoil.logs.columns import Reading, Wanted, find_columns, meaning_of
 from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
 from fastcoil.logs.plausibility import looks_like, misread_units
 from fastcoil.logs.readings import left_out, read_columns
@@ -133,8 +132,7 @@ def points_of(sources: Sequence[Source], whole: Table, how: Reading, wanted: Wan
     for name, column in sorted(found.items(), key=lambda one: one[1]):
         with collecting(problems):
             points += [_point_in(sources[column - 1], name, how)] if column else []
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return points
 
 
@@ -244,8 +242,7 @@ def _question_units(points: Sequence[Point], how: Reading) -> None:
         for one in points
         if one.name in found
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tuple[list[Point], list[str]]:
@@ -270,8 +267,7 @@ def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tup
     for name, target in (how.columns or {}).items():
         if every[target] > 1:
             problems.append(f"--column {name}={target}: it is in {every[target]} columns, give FILE:HEADER")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     joined = {name: i for i, own in enumerate(names, start=1) for name in own if every[name] == 1}
     whole = Table("", [], [], [], joined=joined)
     points = points_of(sources, whole, how, Wanted((), POINTS))
@@ -280,8 +276,7 @@ def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tup
     problems += [f"{name} has no point that is known: {which}" for name in sorted(idle)]
     unused = how.units.keys() - {point.name for point in points}
     problems += [f"--unit {name}={how.units[name]}: no file has the point {name}" for name in sorted(unused)]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     of_files = [f"{path.name}: {note}" for path, said in zip(paths, notes, strict=True) for note in dict.fromkeys(said)]
     return points, whole.notes + of_files
 

@@ -11,9 +11,8 @@ import numpy as np
 from fastcoil.base.arguments import collecting
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.logs.columns import Reading, Wanted, find_columns
+from fastcoil.logs.columns import Reading, Wanted, find_columns, meaning_of
 from fastcoil.logs.join import pivoted, value_columns
-from fastcoil.logs.names import meaning_of
 from fastcoil.logs.pieces import longest_bridged, number_pieces, read_times
 from fastcoil.logs.readings import fill_or_cut, question_units, read_columns, refuse_supersaturation
 from fastcoil.logs.series import COLUMNS

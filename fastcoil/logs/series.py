@@ -27,21 +27,21 @@ _POUND, _FOOT, _GALLON = 0.45359237, 0.3048, 3.785411784e-3
 
 TEMPERATURE: Units = {"degC": (1.0, 0.0), "degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
 DIFFERENCE: Units = {"K": (1.0, 0.0), "degC": (1.0, 0.0), "degF": (5 / 9, 0.0)}
-AIR_FLOW: Units = {
+_MASS_FLOW: Units = {
     "kg s-1": (1.0, 0.0),
     "kg/s": (1.0, 0.0),
     "kg/h": (1 / 3600, 0.0),
     "lb/h": (_POUND / 3600, 0.0),
+}
+AIR_FLOW: Units = {
+    **_MASS_FLOW,
     "m3/s": (STANDARD_AIR, 0.0),
     "m3/h": (STANDARD_AIR / 3600, 0.0),
     "L/s": (STANDARD_AIR / 1000, 0.0),
     "cfm": (STANDARD_AIR * _FOOT**3 / 60, 0.0),
 }
 WATER_FLOW: Units = {
-    "kg s-1": (1.0, 0.0),
-    "kg/s": (1.0, 0.0),
-    "kg/h": (1 / 3600, 0.0),
-    "lb/h": (_POUND / 3600, 0.0),
+    **_MASS_FLOW,
     "m3/s": (WATER, 0.0),
     "m3/h": (WATER / 3600, 0.0),
     "L/s": (WATER / 1000, 0.0),

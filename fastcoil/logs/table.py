@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fastcoil.base.arguments import refuse
 from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
@@ -437,10 +438,8 @@ def _columns_of(ds: xr.Dataset, asked: Mapping[str, str], names: Collection[str]
         )
     time = dims[0]
     wanted = [str(n) for n in ds.data_vars if n in names or n in asked.values()]
-    if wrong := [name for name in wanted if ds[name].dims != (time,)]:
-        raise InputError(
-            [f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left" for name in wrong]
-        )
+    wrong = [name for name in wanted if ds[name].dims != (time,)]
+    refuse([f"{name} has dims {ds[name].dims}: choose one loop, so that only {time} is left" for name in wrong])
     scale, _ = TIME.get(str(ds[time].attrs.get("units")), (0.0, 0.0))
     for name in {"timestamp", "time"} & {*ds.coords} if scale else ():  # dates beside the seconds, minutes or hours
         if ds[name].dims == (time,) and ds[name].dtype.kind == "M":

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import MOST_VALUES, array_of, collecting, flag_of, is_text, plain
+from fastcoil.base.arguments import MOST_VALUES, array_of, collecting, flag_of, is_text, plain, refuse
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.loops.labelled import as_labelled, in_our_unit, units_of
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
@@ -265,8 +265,7 @@ def assigned(
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:
             problems.append(f"{' and '.join(one)} stand in for {' and '.join(other)}: give one or the other")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
     result = dict(values)
     for stand_ins, replaced in _ALTERNATIVES:
@@ -326,8 +325,7 @@ def _check_axes(values: Mapping[str, Any]) -> None:
         if bare and is_mixed and dim not in PARAMETERS:
             counted = f"{shown(labels.tolist())} along {dim!r} where {bare[0]} counts from 0"
             problems.append(f"{name} has the labels {counted}: give {name} in that order, or without labels")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _same_labels(one: np.ndarray, other: np.ndarray) -> bool:

@@ -44,10 +44,7 @@ def units_of(unit: str) -> Units:
 def as_labelled(name: str, value: Any, dim: str) -> xr.DataArray | None:
     """``value`` as a DataArray if it has labels, None if it is bare.  dim: that of a pandas index without a name.
 
-    Raises
-    ------
-    InputError
-        If it is a Dataset, a list of labelled arrays, or a DataFrame whose axes have no names.
+    ``InputError`` if it is a Dataset, a list of labelled arrays, or a DataFrame whose axes have no names.
     """
     if isinstance(value, xr.DataArray):
         return value
@@ -128,10 +125,7 @@ class Course(NamedTuple):
 def course_of(name: str, array: xr.DataArray) -> Course:
     """The labels of a series along ``day`` and ``elapsed_time``.
 
-    Raises
-    ------
-    InputError
-        If it has other dims, or if its samples are not 1 s apart.
+    ``InputError`` if it has other dims, or if its samples are not 1 s apart.
     """
     if not set(array.dims) <= {"day", "elapsed_time"}:
         raise InputError(f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day")

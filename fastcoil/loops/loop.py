@@ -14,7 +14,7 @@ from typing import Any, Unpack
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import instance_of
+from fastcoil.base.arguments import instance_of, refuse
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.loops.assignment import NO_RULES, WORD, assigned, checked_value, table_of, taken, with_defaults, words_of
 from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, describe_parameters, take_parameters
@@ -82,10 +82,7 @@ class Loop:
         constants = _stored_constants(ds, table)
         dims = next((list(ds[n].dims) for n in ("status", *METRICS) if n in ds), list(ds.dims))
         unlabelled = [d for d in dims if d in table and d not in ds.coords]
-        if unlabelled:
-            raise InputError(
-                [f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled]
-            )
+        refuse([f"the Dataset has no values along its dimension {d}: keep that coordinate" for d in unlabelled])
         names = [n for n in ds.coords if n in table and set(ds[n].dims) <= set(dims)]
         names.sort(key=lambda n: [dims.index(d) for d in ds[n].dims])
         swept = {str(n): ds[n].reset_coords(drop=True) for n in names}
@@ -179,7 +176,8 @@ class Loop:
     def __repr__(self) -> str:
         lines = [f"  {dim}: {size}" for dim, size in self.sizes.items()]
         text = ["<fastcoil.Loop>", *(["Dimensions:", *lines] if lines else [])]
-        preset = nearest_preset(self)
+        # the one from which the loop differs in the fewest parameters; the first of them
+        preset = min(PRESETS.values(), key=lambda one: len(_differing(self, one)))
         differs = []
         for name in _differing(self, preset):
             value = self[name]
@@ -248,11 +246,6 @@ def _defaults_of_missing(
 
 
 _LISTED = 5  # so many values of a sweep are written one by one
-
-
-def nearest_preset(loop: Loop) -> Preset:
-    """The preset from which the loop differs in the fewest parameters; the first of them."""
-    return min(PRESETS.values(), key=lambda preset: len(_differing(loop, preset)))
 
 
 def _differing(loop: Loop, preset: Preset) -> list[str]:

@@ -66,10 +66,7 @@ def netcdf_bytes(ds: xr.Dataset) -> bytes | memoryview:
 def save(ds: xr.Dataset, path: Path) -> None:
     """Write a Dataset as NetCDF, atomically: ``path`` is the whole new file or remains as it was.
 
-    Raises
-    ------
-    StorageError
-        If the file cannot be written; nothing half-written is left behind.
+    ``StorageError`` if the file cannot be written; nothing half-written is left behind.
     """
     commit_written(path, lambda unfinished: write(ds, unfinished, mode="w"))
 
@@ -82,10 +79,8 @@ def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
     """Open a file by its name or from its bytes, with the lock held and after a check of their hash.
 
-    Raises
-    ------
-    OSError, RuntimeError, ValueError
-        If it is no NetCDF file; damaged bytes may also crash the library or make it hang.
+    ``OSError``, ``RuntimeError`` or ``ValueError`` if it is no NetCDF file; damaged bytes may also crash the library or
+    make it hang.
     """
     if isinstance(source, (str, Path)):
         return netCDF4.Dataset(str(source))
@@ -95,10 +90,7 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
 def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
     """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything.
 
-    Raises
-    ------
-    MemoryError
-        If it takes more than is available: a small file may hold a large array of one value.
+    ``MemoryError`` if it takes more than is available: a small file may hold a large array of one value.
     """
     with NETCDF4_PYTHON_LOCK:
         file = parse(source)
@@ -198,10 +190,7 @@ class StoredFile:
     def identity(self) -> Identity:
         """Identity of the file.
 
-        Raises
-        ------
-        StorageError, IntegrityError
-            If it cannot be examined; if it is missing or no regular file.
+        ``StorageError`` if it cannot be examined, ``IntegrityError`` if it is missing or no regular file.
         """
         with storage_errors(self.path, "read"):
             try:
@@ -215,10 +204,7 @@ class StoredFile:
     def check(self, *, afresh: bool = False) -> str:
         """Compare the hash of its bytes, computed ``afresh`` or remembered, and return it.
 
-        Raises
-        ------
-        StorageError, IntegrityError
-            If it cannot be read; if it is not what was written.
+        ``StorageError`` if it cannot be read, ``IntegrityError`` if it is not what was written.
         """
         digest = _sha256_of.__wrapped__ if afresh else _sha256_of
         identity = self.identity()
@@ -281,10 +267,7 @@ def _sha256_of(path: Path, identity: Identity) -> str:
 def file_sha256(path: Path) -> str:
     """SHA-256 of the bytes of a file, computed again only if the file changed.
 
-    Raises
-    ------
-    StorageError, IntegrityError
-        If it cannot be read; if it is missing or no regular file.
+    ``StorageError`` if it cannot be read, ``IntegrityError`` if it is missing or no regular file.
     """
     identity = StoredFile(path, (), "run the study again").identity()
     with storage_errors(path, "read"):
@@ -296,12 +279,7 @@ def try_reading(path: Path, cure: str) -> StoredFile:
 
     cure: what to do if it is damaged.
 
-    Raises
-    ------
-    IntegrityError
-        If that fails, or does not end.
-    StorageError
-        If it cannot be tried.
+    ``IntegrityError`` if that fails, or does not end.  ``StorageError`` if it cannot be tried.
     """
     identity = StoredFile(path, (), cure).identity()
     if identity not in _passed:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import instance_of
+from fastcoil.base.arguments import instance_of, refuse
 from fastcoil.base.errors import InputError, IntegrityError, shown
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.clock import is_changed
@@ -221,8 +221,7 @@ def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
     problems: list[str] = []
     known = Frame(boundary.n_steps, Course(boundary.day, 0.0, boundary.start, boundary.clock_zone))
     given, _ = read_series({"command": command}, problems, known=known)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return given["command"].spread(boundary.n_days, boundary.n_steps)
 
 
@@ -272,10 +271,7 @@ def join_flat(
     names: the variables to join, all by default.  allocate: makes an array of a shape, value and type.
     A scenario that no part holds gets the status ``not_run`` and NaN as results.
 
-    Raises
-    ------
-    IntegrityError
-        If two parts hold the same scenario.
+    ``IntegrityError`` if two parts hold the same scenario.
     """
     whole: dict[Hashable, tuple[Any, np.ndarray, dict[Any, Any]]] = {}
     coordinates: dict[Hashable, Any] = {}
@@ -309,12 +305,8 @@ def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
     first: an earlier part, if there is one.  Crashed scenarios have no answers of a reduction, and are not compared.
     Returns the part to compare the next one with.
 
-    Raises
-    ------
-    InputError
-        If a reduction answers in another form for some scenarios than for others.
-    IntegrityError
-        If anything else differs, which no run leaves behind.
+    ``InputError`` if a reduction answers in another form for some scenarios than for others.  ``IntegrityError`` if
+    anything else differs, which no run leaves behind.
     """
     if first is None or _is_crashed(first):
         return part
@@ -397,5 +389,4 @@ def require_our_units(ds: xr.Dataset, *tables: Mapping[str, Any]) -> None:
     """Refuse what these tables name, if it is in other units than theirs."""
     units = {name: entry.unit for table in tables for name, entry in table.items() if name in ds}
     other = [name for name, unit in units.items() if ds[name].attrs.get("units", unit) != unit]
-    if other:
-        raise InputError([f"ds.{n} is in {shown(ds[n].attrs['units'])}: give it in {units[n]}" for n in other])
+    refuse([f"ds.{n} is in {shown(ds[n].attrs['units'])}: give it in {units[n]}" for n in other])

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fastcoil.base.arguments import refuse
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.measured.fitted_plant import EDGE, LEAST_PI_ROWS
 from fastcoil.measured.grid import all_good
@@ -56,8 +56,7 @@ def require_agreement(log: Log) -> list[str]:
                 problems.append(f"{said}their units")
             else:
                 warnings.append(f"{said}the columns, the sensor and the valve")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return warnings
 
 

@@ -136,9 +136,22 @@ class Diagnosis(Result):
         kp, ti = (float(self.predictions[name].sel(case=case)) for name in ("kp", "ti"))
         return Advised(kp, ti, found.text)
 
+    @apply_style()
     def plot(self) -> Figure:
         """The diagnosis on one page, as a matplotlib ``Figure``."""
-        return _page(self)
+        from matplotlib.figure import Figure
+
+        fig = Figure(figsize=_SIZE, layout="constrained")
+        grid = fig.add_gridspec(4, 2, height_ratios=(0.2, 1.0, 0.8, 1.3))
+        _draw_hours(fig.add_subplot(grid[0, :]), self.triage)
+        temperature = fig.add_subplot(grid[1, :])
+        seen = self.signals.isel(elapsed_time=_telling(self.signals))
+        _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), seen)
+        draw_profile(fig.add_subplot(grid[3, 0]), self)
+        _draw_predictions(fig.add_subplot(grid[3, 1]), self)
+        headline = [*self.summary()[:2], gap_in_words(self), _hunting(self), *filter(None, [self.advice.reason])]
+        fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
+        return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
@@ -258,23 +271,6 @@ _COLOURS = dict(zip(STATES, _SHADES, strict=True))
 _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 
-@apply_style()
-def _page(d: Diagnosis) -> Figure:
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=_SIZE, layout="constrained")
-    grid = fig.add_gridspec(4, 2, height_ratios=(0.2, 1.0, 0.8, 1.3))
-    _draw_hours(fig.add_subplot(grid[0, :]), d.triage)
-    temperature = fig.add_subplot(grid[1, :])
-    seen = d.signals.isel(elapsed_time=_telling(d.signals))
-    _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), seen)
-    draw_profile(fig.add_subplot(grid[3, 0]), d)
-    _draw_predictions(fig.add_subplot(grid[3, 1]), d)
-    headline = [*d.summary()[:2], gap_in_words(d), _hunting(d), *filter(None, [d.advice.reason])]
-    fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
-    return fig
-
-
 def _telling(signals: xr.Dataset) -> slice:
     """The two hours in which the motor travels most; settled, where the loop ever is."""
     calm, there = signals["calm"].values, np.isfinite(signals["T_sup"].values + signals["command"].values)
@@ -335,7 +331,9 @@ def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
     """Error and travel in every case, as shares of what the model does as found."""
     axes.set_title("What the fitted loop would do", loc="left")
     if d.predictions is None:
-        _says(axes, "no prediction: see the notes")
+        words = "no prediction: see the notes"
+        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", fontsize=8)
+        axes.set(xticks=[], yticks=[])
         return
     found = d.predictions
     cases = list(found["case"].values)
@@ -355,8 +353,3 @@ def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
     axes.set_yticks(places, [WORDS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
     axes.set_xlabel("RMS error and motor travel [% of as found]")
     axes.grid(visible=False, axis="y")
-
-
-def _says(axes: Axes, text: str) -> None:
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=8)
-    axes.set(xticks=[], yticks=[])

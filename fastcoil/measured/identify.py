@@ -247,7 +247,8 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
     """
     compared, doubt = [day for day in days if day.found], ""
     if not compared:
-        return _cannot(_most_frequent([day.doubt for day in days]))
+        nothing, reason = np.full(CANDIDATES.size, 1.0 / CANDIDATES.size), _most_frequent([day.doubt for day in days])
+        return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, CANDIDATES, nothing)
     many = len(compared) >= MANY_DAYS
     compared = [day._replace(doubt=day.doubt or _JUMPS) if day.is_jumpy and not many else day for day in compared]
     sound = [day for day in compared if not day.doubt]
@@ -431,8 +432,3 @@ def _interval(probability: Array) -> tuple[float, float]:
     low = CANDIDATES[np.argmax(below > 0.5 * (1.0 - CONFIDENCE))] - step
     high = CANDIDATES[np.argmax(below >= 0.5 * (1.0 + CONFIDENCE) - 1e-12)] + step
     return max(float(low), 0.0), min(float(high), float(CANDIDATES[-1]))
-
-
-def _cannot(reason: str) -> Identification:
-    nothing = np.full(CANDIDATES.size, 1.0 / CANDIDATES.size)
-    return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, CANDIDATES, nothing)

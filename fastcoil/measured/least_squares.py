@@ -251,9 +251,7 @@ def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
     return total
 
 
-def profile(
-    model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = (), max_steps: int = 30
-) -> list[Estimate]:
+def profile(model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = ()) -> list[Estimate]:
     """The minimum with parameter k held at each value of ``grid`` (ascending).
 
     Walks outward from the free minimum, each value starting where its neighbour ended.
@@ -265,7 +263,7 @@ def profile(
         for i in way:
             start = x.copy()
             start[k] = grid[i]
-            found[i] = minimise(model, start[:, None], [*fixed, k], max_steps)
+            found[i] = minimise(model, start[:, None], [*fixed, k], max_steps=30)
             x = found[i].x
     return [found[i] for i in range(grid.size)]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, whole_of
+from fastcoil.base.arguments import checking, instance_of, refuse, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import available_memory, gib
@@ -85,15 +85,13 @@ def replay(
         trace_interval = check(whole_of, "trace_interval", trace_interval, 1)
         how = checked_reading(check, columns=columns, units=units, constants=constants, max_gap=max_gap,
                               time_format=time_format, unbroken=True)  # fmt: skip
-    if missing := missing_parameters(loop):
-        raise InputError(missing)
+    refuse(missing_parameters(loop))
     see_air = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
     sees_air = bool(loop.rules) or not see_air.isdisjoint(words_used(loop, "estimator"))
     data = read_log(log, Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)), how)
     warn_of_reading(data.name, data.notes)
     series = _seconds(data)
-    if problems := controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]):
-        raise InputError(problems)
+    refuse(controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]))
     whole_of("trace_interval", trace_interval, 1, series.shape[0])
     ds = replayed(loop, series, trace_interval)
     ds.attrs = {"title": "fastcoil replay", **provenance(), "parameters": json.dumps(loop.constants), "log": data.name}

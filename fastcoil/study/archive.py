@@ -29,9 +29,8 @@ from fastcoil.base.files import commit_written, exists, require_file, storage_er
 from fastcoil.base.text import printable
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
-from fastcoil.study.folder.results import open_finished
+from fastcoil.study.folder.results import open_finished, problems_of_folder, problems_of_results
 from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, checksum
-from fastcoil.study.folder.verify import find_problems, problems_of_results
 
 LISTING, README = "archive.json", "README.txt"
 INPUTS, HERE = "inputs", "."
@@ -158,12 +157,8 @@ def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
 
     Returns the file and what it holds.
 
-    Raises
-    ------
-    InputError
-        If there is no finished study, or the file exists.
-    StorageError, IntegrityError
-        If a file cannot be read or written; if the folder is not sound.  Nothing half-written is left behind.
+    ``InputError`` if there is no finished study, or the file exists.  ``StorageError`` if a file cannot be read or
+    written, ``IntegrityError`` if the folder is not sound.  Nothing half-written is left behind.
     """
     store = StudyFolder(folder)
     called = folder.absolute().name or "study"
@@ -174,7 +169,7 @@ def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
     if exists(path):
         raise InputError(f"{path} exists: choose another name with -o, or delete it")
     ds = open_finished(folder)
-    problems = find_problems(store)
+    problems = problems_of_folder(store)
     if problems:
         raise IntegrityError("\n".join(problems))
     inputs = inputs_of(store.read_study(manifest))
@@ -259,10 +254,7 @@ def _readme(name: str, ds: xr.Dataset, inputs: Inputs) -> str:
 def archive_problems(path: Path) -> list[str]:
     """Check an archive: a sentence for each problem.  It is unpacked in a temporary folder, and nothing of it is run.
 
-    Raises
-    ------
-    StorageError
-        If it cannot be read, or there is no room to unpack it.
+    ``StorageError`` if it cannot be read, or there is no room to unpack it.
     """
     with storage_errors(path, "read"):
         path.open("rb").close()
@@ -304,7 +296,7 @@ def _problems_of_folder(folder: Path, listing: Listing) -> list[str]:
         return [f"{MANIFEST} leads out of the archive, to {shown(manifest.relative_to)}"]
     store = StudyFolder(folder)
     # where paths of the study lead to its files on no other machine, it cannot be read
-    problems = list(problems_of_results(store, manifest)) if listing.elsewhere else find_problems(store)
+    problems = list(problems_of_results(store, manifest)) if listing.elsewhere else problems_of_folder(store)
     if not problems and store.open_results().attrs["content_sha256"] != listing.content_sha256:
         problems = ["its results are not those of its list: content_sha256 differs"]
     return problems

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import collecting
+from fastcoil.base.arguments import collecting, refuse
 from fastcoil.base.errors import InputError, IntegrityError, nearest
 from fastcoil.base.files import file_name, is_file, is_folder
 from fastcoil.base.text import number_or_word
@@ -41,9 +41,8 @@ from fastcoil.study.archive import archive_problems
 from fastcoil.study.file.own_code import Source, load
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.folder.folder import StudyFolder, find_holder, hold
-from fastcoil.study.folder.results import is_current, open_study
+from fastcoil.study.folder.results import is_current, open_study, problems_of_folder
 from fastcoil.study.folder.stored import Manifest
-from fastcoil.study.folder.verify import find_problems
 
 RERUNS = "reruns"
 
@@ -83,7 +82,7 @@ def verify(folder: Path) -> list[str]:
     if is_file(folder):
         return archive_problems(folder)
     store = StudyFolder(folder)
-    return store.settled(lambda: find_problems(store))
+    return store.settled(lambda: problems_of_folder(store))
 
 
 def rerun(
@@ -94,17 +93,10 @@ def rerun(
     at: dimension → label, for every dimension with more than one.  prepare: loads the study's own estimators and laws,
     without which nothing can be run; its reduction is not.
 
-    Returns
-    -------
-    tuple
-        The file written, and the outcome in words.
+    Returns the file written, and the outcome in words.
 
-    Raises
-    ------
-    InputError
-        For a dimension or label that the study does not have.
-    IntegrityError
-        If the study, or a file it reads, changed since it was run.
+    ``InputError`` for a dimension or label that the study does not have.  ``IntegrityError`` if the study, or a file it
+    reads, changed since it was run.
     """
     store = StudyFolder(folder)
     manifest = store.require_manifest()
@@ -156,8 +148,7 @@ def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], l
         if n > 1:
             labels = listed([str(label) for label in found[dim].values])
             problems.append(f"--at: {dim} is missing, choose one of {labels}")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     found = found.squeeze()
     index = int(found["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))
@@ -204,23 +195,13 @@ class Scenario(NamedTuple):
 def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]) -> Scenario:
     """Pick one scenario.
 
-    Parameters
-    ----------
-    target
-        The name of a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; the folder of a study; or a
-        study file, run or not.
-    at
-        Dimension → label, exactly as the study has it, for every dimension with more than one.
-    changes
-        Parameter → value, as text; they hold for the whole study, so that a dimension whose only parameter is changed
-        needs no label.
+    target: the name of a preset, on ``paper_day()`` or, if it heats, on ``heating_day()``; the folder of a study; or a
+    study file, run or not.  at: dimension → label, exactly as the study has it, for every dimension with more than
+    one.  changes: parameter → value, as text; they hold for the whole study, so that a dimension whose only parameter
+    is changed needs no label.
 
-    Raises
-    ------
-    InputError
-        With one sentence for each mistake; where the scenario uses code that comes with the study.
-    IntegrityError
-        If the study in a folder, or a file it reads, changed since it was run.
+    ``InputError`` with one sentence for each mistake, or where the scenario uses code that comes with the study.
+    ``IntegrityError`` if the study in a folder, or a file it reads, changed since it was run.
     """
     title, plan = _whole(target)
     loop, boundary = plan.layout.loop, plan.layout.boundary
@@ -233,8 +214,7 @@ def one_scenario(target: Path, at: Mapping[str, str], changes: Mapping[str, str]
     position: dict[str, int] = {}
     with collecting(problems):
         _, position, labels = _find(layout, {dim: label for dim, label in at.items() if dim != "replicate"})
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     swept = layout.loop.swept
     one = loop.assign(**{n: v.isel({d: position[str(d)] for d in v.dims}).item() for n, v in swept.items()})
     others = [name for name in unread_values(one) if name not in changes] if layout.loop.sizes else []

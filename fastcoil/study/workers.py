@@ -37,8 +37,7 @@ from fastcoil.loops.simulate import run_shard, within
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, TRACES
 from fastcoil.model.numerics.jit import fingerprint, model_sha256
 from fastcoil.model.user_rules import RuleHashes, own_code_of, refuse_other_code
-from fastcoil.study.file.own_code import Source, load_rules
-from fastcoil.study.reduce import reduce
+from fastcoil.study.file.own_code import Source, load_rules, reduce
 
 BACKENDS = ("threads", "loky", "dask")
 _TEMPORARY = Path("the folder for temporary files")
@@ -159,12 +158,8 @@ def run_shards(pool: Pool, job: Job, shards: Sequence[Shard]) -> Iterator[xr.Dat
     down once more is halved, until single scenarios, or days in sequence of a single loop, are found guilty.  These get
     the status ``crashed``, but not before another result has shown that the workers are not to blame.
 
-    Raises
-    ------
-    StorageError
-        If the memory does not suffice, not even for a single scenario.
-    FastcoilError
-        If workers die again and again without a result in between.
+    ``StorageError`` if the memory does not suffice, not even for a single scenario.  ``FastcoilError`` if workers die
+    again and again without a result in between.
     """
     waiting, suspects = deque(shards), deque[Shard]()
     guilty: list[np.ndarray] = []

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.base.text import percent
-from fastcoil.deliver.report.computed import cited, here
-from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, facts
+from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, cited, facts, here
 from studies.paper import grid
 from studies.paper.scorecard import SURELY
 

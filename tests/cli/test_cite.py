@@ -8,7 +8,7 @@ from helpers.commands import fastcoil
 from helpers.studies import DAYS, PLAIN, copied, golden
 
 import fastcoil as fc
-from fastcoil.deliver.report.computed import AUTHORS, LICENCE, PAPER, TITLE, bibtex, citation
+from fastcoil.deliver.report.page import AUTHORS, LICENCE, PAPER, TITLE, bibtex, citation
 
 ROOT = Path(__file__).parents[2]
 

@@ -11,7 +11,7 @@ from typing import Any
 from helpers.processes import environment
 
 COMMANDS = ("fastcoil.cli.main", "fastcoil.study.analysis.summary", "fastcoil.study.maintenance",
-            "fastcoil.deliver.figures.study",
+            "fastcoil.deliver.figures.swept",
             "matplotlib.figure")  # fmt: skip
 """What commands import."""
 SERVER = Path(__file__).with_name("fork_server.py")

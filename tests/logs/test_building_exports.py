@@ -7,8 +7,7 @@ from helpers.exports import COMMAND, ISO, ROWS, SECONDS, START, T_SUP, saved, ti
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import Reading, read_log
-from fastcoil.logs.columns import Wanted
-from fastcoil.logs.names import meaning_of
+from fastcoil.logs.columns import Wanted, meaning_of
 
 T_SET = np.where(SECONDS < 1800, 14.0, 13.5)
 WANTED = Wanted(("command", "T_sup"), ("T_set", "m_a", "T_a_in", "enabled"), ("T_sup", "T_set", "m_a", "T_a_in"))

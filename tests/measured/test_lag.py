@@ -6,7 +6,7 @@ from helpers.simulated_logs import VALVE_TRUTH, flows, log_of, noise, noisy, wal
 
 import fastcoil as fc
 from fastcoil.logs import Log
-from fastcoil.measured.lag import delayed, without_lag
+from fastcoil.measured.fit_valve import delayed, without_lag
 
 pytestmark = pytest.mark.kernel
 

@@ -9,7 +9,7 @@ from helpers.refusals import problems
 from helpers.studies import run, run_until_interrupted, write_study
 
 import fastcoil as fc
-from fastcoil.deliver.figures.study import panels
+from fastcoil.deliver.figures.swept import panels
 from fastcoil.design.prediction import predictions
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import PREDICTIONS

@@ -11,8 +11,7 @@ from bokeh.plotting import figure
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, RED, YELLOW
-from fastcoil.deliver.explore.loop import AXES, EVERY, Run
-from fastcoil.deliver.explore.settings import CHOICES, DIALS, Settings
+from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, EVERY, Run, Settings
 from fastcoil.design.advice import UNSURE
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 

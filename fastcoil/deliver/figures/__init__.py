@@ -2,7 +2,7 @@
 
 These draw into one pair of axes, ``ax`` or those of a new figure as wide as a column of a journal, and return it.
 ``drawing`` has what all figures draw with; ``traces`` shows few scenarios over time, ``swept`` metrics over swept
-parameters; ``study`` puts panels of a whole study into one figure, for `fastcoil run` and `fastcoil plot`.
+parameters, for `fastcoil run` and `fastcoil plot` as panels of a whole study in one figure.
 """
 
 from fastcoil.deliver.figures.swept import bands as bands

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.figures import STYLE, apply_style, wrapped
 from fastcoil.loops.labels import quantity_of, quantity_of_values, sizes_in_words
@@ -108,8 +109,7 @@ def swept_axes(values: xr.DataArray, **given: str | None) -> list[str]:
     missing = [argument for argument, dim in given.items() if dim is None]
     if not problems and missing and len(left) != len(missing):
         problems.append(f"{' and '.join(missing)}: {has}, name a swept number for each")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return [left.pop(0) if dim is None else dim for dim in given.values()]
 
 

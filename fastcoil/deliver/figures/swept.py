@@ -1,23 +1,36 @@
-"""``fc.plot.map`` and ``fc.plot.bands``: a metric over two swept parameters, or along one."""
+"""Metrics over two swept parameters, or along one: ``fc.plot.map``, ``fc.plot.bands``, and the panels of a study.
+
+The figures of a study have maps, curves, or dots for named alternatives.  They belong to no window, so they need no
+display; there is a panel for each metric, as many abreast as the width takes, and with ``by`` a row of them for each
+label of a dimension.
+"""
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, instance_of, text_of
-from fastcoil.base.errors import InputError, shown
-from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES
+from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrapped
 from fastcoil.deliver.figures import drawing
-from fastcoil.loops.labels import label_in_words
+from fastcoil.loops.labels import label_in_words, plain_pi
 from fastcoil.loops.scenarios import check_result, require_our_units
 from fastcoil.model.metric_table import METRICS, metric_meant
-from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.study.analysis.selected import binned, drawn_parameters
+from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
+from fastcoil.study.analysis.selected import binned, drawn_parameters, numeric_dims
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
 
 _HEIGHT = 2.8
 _DEFAULT = "rmse"
@@ -119,3 +132,145 @@ def _values_of(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
         near = metric_meant(name) if name not in METRICS else ""
         raise InputError(f"metric = {shown(name)} is none of this result{near}; it has {', '.join(numbers)}")
     return ds[name], drawing.failed_in_words(ds)
+
+
+_PANEL = 3.2  # width of a panel where the figure may be as wide as it likes, inches
+_NARROWEST = 2.2  # width in which a panel is still read, inches
+_ABREAST = 3
+_MILLIMETRES = 25.4
+_MOST_ROWS = 6
+ESTIMATES = ("estimate_ratio", "backlash_estimate")
+_CONTROL = {**dict.fromkeys(ESTIMATES, 0.0), "learning_step": 0.0, "estimator": "none", "law": "pi"}
+"""What a plain PI has: it assumes no backlash, and learns none."""
+STANDARD_METRICS = ("rmse", "rmse_settled", "switch_frequency")
+_ALTERNATIVES = 100  # more rows of names than this are no figure
+
+
+@apply_style()
+def panels(
+    ds: xr.Dataset, x: str, y: str | None = None, by: str | None = None, metrics: Sequence[str] = STANDARD_METRICS,
+    width: float | None = None,
+) -> Figure:  # fmt: skip
+    """Metrics, a panel each: maps over two swept parameters, curves along one, or dots for the names along ``x``.
+
+    All other dimensions are pooled: their median, along one of them with its 10–90 % range, or single members.
+    ``by``: a further dimension, with a row of panels for each of the labels that ``rows_of`` chooses.
+    ``width``: of the figure, inches.
+    """
+    from matplotlib.figure import Figure
+
+    drawn, has_names = tuple(filter(None, (x, y))), x in ds.coords and ds[x].dtype.kind in "OUST"
+    with checking() as check:
+        if not has_names or y:
+            check(drawing.swept_axes, ds["status"], x=x, **({"y": y} if y else {}))
+        check.problems += [
+            f"metrics: {shown(name)} is not in this result{metric_meant(name) or nearest(name, METRICS)}"
+            for name in metrics
+            if name not in ds
+        ]
+    if by in drawn:
+        raise InputError(f"{by} is named twice: choose two different axes")
+    draw, marks, height = _drawing(ds, x, y, has_names=has_names)
+    rows, n = rows_of(ds, by), len(metrics)
+    columns = n if by else min(n, panels_abreast(width))
+    inches = _PANEL * max(columns, 2) if width is None else width
+    if by and inches < n * _NARROWEST:
+        raise InputError(
+            f"a figure of {_MILLIMETRES * inches:.0f} mm takes no {n} panels abreast: give fewer metrics, or more width"
+        )
+    n_rows = math.ceil(len(rows) * n / columns)
+    figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
+    alike: Any = "col" if by else False
+    grid = figure.subplots(n_rows, columns, squeeze=False, sharex=alike, sharey=(has_names and not y) or alike).ravel()
+    for unused in grid[len(rows) * n :]:
+        unused.remove()
+    meshes: dict[str, list[QuadMesh]] = defaultdict(list)
+    for axes, ((index, words), metric) in zip(grid, product(rows, metrics), strict=False):
+        mesh = draw(axes, ds[metric] if index is None else ds[metric].isel({by: index}))
+        meshes[metric] += [] if mesh is None else [mesh]
+        axes.set_title(drawing.fitted(axes, words), loc="left")
+        if by and not axes.get_subplotspec().is_last_row():
+            axes.set_xlabel("")
+    for rows_of_maps in meshes.values():  # rows are compared
+        ends = [end for mesh in rows_of_maps for end in mesh.get_clim()]
+        for mesh in rows_of_maps:
+            mesh.set_clim(min(ends), max(ends))
+    words = drawing.pooled_in_words(ds["status"], (*drawn, by), marks)
+    words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
+    figure.suptitle(wrapped("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
+    return figure
+
+
+def _drawing(
+    ds: xr.Dataset, x: str, y: str | None, *, has_names: bool
+) -> tuple[Callable[[Axes, xr.DataArray], QuadMesh | None], Sequence[str], float]:
+    """What draws values into a panel, the words for its marks, and the height of a panel, inches."""
+    if y:
+        return partial(drawing.draw_map, x=x, y=y), drawing.COLOUR, 3.0
+    if has_names:
+        return partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT, 1.0 + 0.22 * ds.sizes[x]
+    return partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE, 2.4
+
+
+def panels_abreast(width: float | None) -> int:
+    """How many panels stand side by side in a width in inches."""
+    return _ABREAST if width is None else int(np.clip(width / _NARROWEST, 1, _ABREAST))
+
+
+def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Callable[[], Figure]]:
+    """What draws the figures that suit a study's dimensions, by file name without suffix; empty for a single scenario.
+
+    A plain PI and an inverse are never pooled: what a figure does not show of them has rows of its own.  A row has as
+    many metrics as fit into ``width``, inches.  Nothing is drawn, or imported to draw, before one of them is called.
+    """
+    numeric, control = numeric_dims(ds["status"]), control_dims(ds)
+    named = [str(d) for d in ds["status"].dims if d not in numeric and d in ds.coords and ds.sizes[d] > 1]
+    of_row = [name for name in STANDARD_METRICS if name in ds][: panels_abreast(width)]
+
+    def unlike(*drawn: str) -> str | None:
+        return next((d for d in control if d not in drawn), None)
+
+    def drawn(x: str, y: str | None = None, by: str | None = None) -> Callable[[], Figure]:
+        metrics = of_row if by else [name for name in STANDARD_METRICS if name in ds]
+        return partial(panels, ds, x, y, by, metrics, width)
+
+    figures: dict[str, Callable[[], Figure]] = {}
+    if len(numeric) >= 2:
+        swept = [d for d in numeric if d in control]
+        y, x = numeric[:2] if not swept or {*numeric[:2]} & {*swept} else (numeric[0], swept[0])
+        figures["maps"] = drawn(x, y, by=unlike(x, y))
+        figures["bands"] = drawn(x, by=unlike(x) or y)
+    elif numeric:
+        figures["bands"] = drawn(numeric[0], by=unlike(numeric[0]))
+    for dim in named:
+        by = unlike(dim)
+        if ds[dim].dtype.kind in "OUST" and ds.sizes[dim] * len(rows_of(ds, by)) <= _ALTERNATIVES:
+            figures[dim] = drawn(dim, by=by)
+    return figures
+
+
+def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
+    """Position and words of the labels that get a row of panels each.
+
+    Those are all of up to six; of more the first, the middle and the last.
+    """
+    if by is None:
+        return [(None, "")]
+    dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
+    drawing.check_dim("by", by, dims)
+    chosen = drawing.picked(ds.sizes[by], _MOST_ROWS)
+    is_plain, pi = (ds[by].values == 0.0) & (by in ESTIMATES), plain_pi(ds)
+    return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]
+
+
+def control_dims(ds: xr.Dataset) -> list[str]:
+    """Dimensions along which a plain PI is one of several controllers: a median over them would be of unlike things."""
+    dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS]
+    return [d for d in dims if d == "controller" or _has_plain_pi(ds, d)]
+
+
+def _has_plain_pi(ds: xr.Dataset, dim: str) -> bool:
+    """Whether some labels of a dimension, and not all, are a plain PI by what differs along it."""
+    plain = [ds[n].values == value for n, value in _CONTROL.items() if n in ds.coords and ds[n].dims == (dim,)]
+    alike = np.logical_and.reduce(plain) if plain else np.zeros(1, dtype=bool)
+    return bool(alike.any() and not alike.all())

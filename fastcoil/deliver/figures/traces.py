@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, names_of
+from fastcoil.base.arguments import checking, instance_of, names_of, refuse
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, wrapped
@@ -156,8 +156,7 @@ def _names(ds: xr.Dataset, show: Any) -> list[str]:
         for name in names
         if name not in there
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return names
 
 

@@ -1,16 +1,20 @@
-"""Reports of single results: a fit, a diagnosis, a tuning, an explanation.
+"""``report``: one HTML file that a client can open, of a study, a fit, a diagnosis, a tuning or an explanation.
 
-Each says what was asked, the answer, a figure, tables, how it was computed, and what a study takes of it.
+Those of single results are here; each says what was asked, the answer, a figure, tables, how it was computed, and what
+a study takes of it.
 """
 
+import os
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arguments import path_of
+from fastcoil.base.errors import InputError, WrongType
 from fastcoil.base.text import NONE
-from fastcoil.deliver.report.computed import changed, cited, here
 from fastcoil.deliver.report.page import (
     Block,
     Code,
@@ -19,11 +23,16 @@ from fastcoil.deliver.report.page import (
     Section,
     Table,
     Words,
+    changed,
+    cited,
     facts,
+    here,
     number,
     picture,
+    require_page,
     setting,
 )
+from fastcoil.deliver.report.study import study_page
 from fastcoil.design.explain import Explanation
 from fastcoil.design.tuning_result import Tuning, table_rows
 from fastcoil.loops.labels import quantity, unit_in_words
@@ -33,6 +42,7 @@ from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.parameter_table import PARAMETERS
+from fastcoil.study.folder.folder import StudyFolder
 
 
 def _sections(
@@ -264,3 +274,51 @@ def explanation_page(e: Explanation) -> Page:
 PAGES: Mapping[type, Callable[[Any], Page]] = {
     Fit: fit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
 }  # fmt: skip
+
+
+REPORT = "report.html"
+"""Name of the page in a folder."""
+_CURE = (
+    "give the folder of a study, or what fc.diagnose, fc.fit_valve, fc.fit_coil, fc.fit_loop, fc.tune or fc.explain "
+    "returned"
+)
+_FILE = "give a file NAME.html, such as 'report.html'"
+
+
+def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
+    """Write a report: one HTML file that needs no other file, no script and no network.
+
+    Parameters
+    ----------
+    what
+        The folder of a finished study, as `run_study` writes it; or the result of `diagnose`, `fit_valve`, `fit_coil`,
+        `fit_loop`, `tune` or `explain`.
+    path
+        The file to write, NAME.html.  For a folder ``report.html`` in it by default.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.  The same results give the same bytes.
+
+    Raises
+    ------
+    InputError
+        If ``what`` is nothing of the kind, the study is unfinished, or ``path`` cannot be written.
+    StorageError, IntegrityError
+        If a file cannot be read or written; if results are damaged.  Nothing half-written is left behind.
+    """
+    make: Callable[[Any], Page] | None
+    if isinstance(what, (str, os.PathLike)):
+        what, make = path_of("what", what, _CURE), study_page
+        StudyFolder(what).require_manifest()
+        path = what / REPORT if path is None else path
+    else:
+        make = next((page for kind, page in PAGES.items() if isinstance(what, kind)), None)
+    if make is None:
+        raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))
+    if path is None:
+        raise InputError(f"path is missing: {_FILE}")
+    where = path_of("path", path, _FILE)
+    require_page(where)
+    return make(what).write(where)

@@ -14,8 +14,7 @@ import xarray as xr
 
 from fastcoil.base.errors import FastcoilError
 from fastcoil.base.text import percent
-from fastcoil.deliver.figures.study import standard_figures
-from fastcoil.deliver.report.computed import cited, how, versions
+from fastcoil.deliver.figures.swept import standard_figures
 from fastcoil.deliver.report.page import (
     MOST_ROWS,
     Block,
@@ -25,11 +24,14 @@ from fastcoil.deliver.report.page import (
     Table,
     Words,
     change,
+    cited,
+    how,
     left_out,
     number,
     picked,
     picture,
     span,
+    versions,
 )
 from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, choice_of, whole_of
+from fastcoil.base.arguments import checking, choice_of, refuse, whole_of
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of
@@ -54,7 +54,7 @@ _BY_MODE: dict[str, tuple[Any, Any]] = {
     "T_out_w_min": (16.0, -7.0),
     "T_out_w_max": (27.0, 10.0),
 }
-"""Defaults in cooling and in heating; the module `weather_year` names the sources."""
+"""Defaults in cooling and in heating; the module `weather` names the sources."""
 DEFAULTS = {mode: {n: pair[k] for n, pair in _BY_MODE.items()} for k, mode in enumerate(("cooling", "heating"))}
 """Defaults of `weather_year`, by mode."""
 CHOICES = {
@@ -160,8 +160,7 @@ def chosen_settings(given: Mapping[str, Any]) -> dict[str, Any]:
     given_names = {name for name, value in chosen.items() if value is not None}
     chosen |= {name: value for name, value in DEFAULTS[mode].items() if name not in given_names}
     chosen["mode"] = mode
-    if problems := _clashes(chosen, given_names):
-        raise InputError(problems)
+    refuse(_clashes(chosen, given_names))
     return chosen
 
 

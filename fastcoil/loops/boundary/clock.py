@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import text_of
+from fastcoil.base.arguments import refuse, text_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.logs.timestamps import offset_text, zone_named
 from fastcoil.loops.labelled import Course, as_labelled, differing
@@ -48,18 +48,18 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
     elif hasattr(start, "to_numpy") and hasattr(start, "dtype"):  # of xarray or pandas
         array = as_labelled("start", start, "day") if hasattr(start, "dims") else None
         labels = {} if array is None or "day" not in array.coords else {"start": array["day"].values}
-        _refuse(differing("day {}", {"the boundary": day} | labels, "align them"))
+        refuse(differing("day {}", {"the boundary": day} | labels, "align them"))
         named["start"] = time_zone_of("time_zone", getattr(start, "attrs", {}).get("time_zone"))
         start = start.to_numpy()
     named = {name: one for name, one in named.items() if one}
-    _refuse(differing("the time zone {}", named, "convert to one zone"))
+    refuse(differing("the time zone {}", named, "convert to one zone"))
     is_list = isinstance(start, (list, tuple)) or (isinstance(start, np.ndarray) and start.ndim)
     several = start if is_list else [start]
     times = [_time_of(one[()] if isinstance(one, np.ndarray) else one) for one in several]
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
     zone = _zone_of(times, next(iter(named.values()), ""))
-    _refuse([
+    refuse([
         f"start = {shown(str(time))}: clocks of {zone} are put forward over that time: give one that they show"
         for time in times
         if time.tzinfo is None and _is_skipped(time, zone)
@@ -67,17 +67,12 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
     found = _to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
     if carried.start is not None:
         both = {"start": found, "the first sample": _to_seconds(np.atleast_1d(carried.start))}
-        _refuse(differing("the time {}", both, "leave start out, or give bare arrays"))
+        refuse(differing("the time {}", both, "leave start out, or give bare arrays"))
     if len(times) < day.size:
         if n_steps > 86400:
             raise InputError(f"start = {shown(start)}: days of {n_steps / 3600:g} h overlap, give one start for each")
         found = found[0] + np.arange(day.size) * DAY
     return Clock(found, zone)
-
-
-def _refuse(problems: list[str]) -> None:
-    if problems:
-        raise InputError(problems)
 
 
 def _to_seconds(times: Any) -> Times:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import checking, collecting, instance_of, path_of
+from fastcoil.base.arguments import checking, collecting, instance_of, path_of, refuse
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.logs import read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading
@@ -120,8 +120,8 @@ class Boundary(Samples):
         Where ``enabled`` follows from the air flow, it is computed from the new one.
         """
         names = (*BOUNDARY_SERIES, "day", "start", "time_zone")
-        if unknown := [name for name in changes if name not in names]:
-            raise InputError([f"{name}{nearest(name, names)}: use {', '.join(names)}" for name in unknown])
+        unknown = [name for name in changes if name not in names]
+        refuse([f"{name}{nearest(name, names)}: use {', '.join(names)}" for name in unknown])
         by_air = changes["enabled"] is None if "enabled" in changes else self._by_air
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
@@ -130,8 +130,7 @@ class Boundary(Samples):
         problems: list[str] = []
         series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
         given, frame = read_series(series, problems, day=changes.get("day"), known=known)
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         replaced = {name: None if changes[name] is None else one for name, one in given.items()}
         if by_air and "m_a" in changes:
             replaced["enabled"] = None
@@ -188,8 +187,7 @@ class Boundary(Samples):
             raise InputError(WrongType(f"boundaries = {shown(boundaries)}: {cure}"))
         for i, one in enumerate(boundaries):
             instance_of(f"boundaries[{i}]", one, Boundary, cure)
-        if problems := list(_joining_problems(boundaries)):
-            raise InputError(problems)
+        refuse(list(_joining_problems(boundaries)))
         zone, by_air = next(filter(None, (b.time_zone for b in boundaries)), ""), all(b._by_air for b in boundaries)
         streamed = any(one.is_streamed for one in boundaries)
         sets = [one._ds.drop_vars(list(one._ds.data_vars)) if streamed else one._ds for one in boundaries]
@@ -221,8 +219,7 @@ class Boundary(Samples):
         ]
         if "elapsed_time" in ds.dims and "elapsed_time" not in ds.coords:
             problems.append("elapsed_time has no coordinate: give ds['elapsed_time'] the seconds 0, 1, ...")
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         return cls(**{name: ds.get(name) for name in BOUNDARY_SERIES})
 
     @classmethod
@@ -361,13 +358,9 @@ def _text_of(days: Samples) -> str:
     made = ", made day by day" if days.is_streamed else ""
     if days.is_streamed and not days.is_surveyed:
         return f"<fastcoil.Boundary {days.extent}{made}>"
-    lines = [
-        f"  {name:<14} {_range(name, *ends):<24} {BOUNDARY_SERIES[name].long_name}"
-        for name, ends in days.own_extremes.items()
-    ]
+    lines = []
+    for name, (low, high) in days.own_extremes.items():
+        span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+        span = f"{span} {unit_in_words(BOUNDARY_SERIES[name].unit)}".rstrip()
+        lines.append(f"  {name:<14} {span:<24} {BOUNDARY_SERIES[name].long_name}")
     return "\n".join([f"<fastcoil.Boundary {days.extent}{made}, sha256 {days.sha256[:8]}>", *lines])
-
-
-def _range(name: str, low: float, high: float) -> str:
-    span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-    return f"{span} {unit_in_words(BOUNDARY_SERIES[name].unit)}".rstrip()

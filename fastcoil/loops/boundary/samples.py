@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import whole_of
+from fastcoil.base.arguments import refuse, whole_of
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.machine import available_memory, gib
@@ -311,8 +311,7 @@ def checked_day(made: Made, n_steps: int, known: Course) -> tuple[dict[str, Arra
     problems: list[str] = []
     series = {name: made.get(name) for name in BOUNDARY_SERIES}
     given, _ = read_series(series, problems, known=Frame(n_steps, known))
-    if problems:
-        raise InputError([f"day {label}: {problem}" for problem in problems])
+    refuse([f"day {label}: {problem}" for problem in problems])
     rows, stopped = series_of(given, 1, n_steps, by_air=made.get("enabled") is None)
     return {name: frozen(values[0]) for name, values in rows.items()}, stopped
 

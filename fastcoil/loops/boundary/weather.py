@@ -1,22 +1,249 @@
-"""Hourly weather, mixed with return air, as the air that enters the coil."""
+"""Days of hourly weather, and a year of it with the real operation of an air handler: schedule, economiser, resets.
 
+Sources of the defaults.  ASHRAE Guideline 36-2021, section 5.16.2.2: set-point from 13 to 18 degC (55 to 65 degF) over
+outdoor temperatures of 16 and 21 degC (60 and 70 degF); trim and respond from 10 min after the start, every 2 min, by
+0.1, 0.2 and at most 0.6 K, 2 requests ignored.  ANSI/ASHRAE/IES 90.1: table 6.5.1.1.3, the fixed limit of an economiser
+(24 degC where it is dry); appendix G, sections G3.1.3.4 and G3.1.3.9, outdoor temperatures between which water is reset
+(hot 20 and 50 degF, chilled 60 and 80 degF).  Return air and water are those of `design_day`; flows suit the presets.
+The rest are guesses.
+"""
+
+import re
+from calendar import isleap
 from collections.abc import Mapping, Sequence
+from datetime import date, timedelta
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, path_of, whole_of
+from fastcoil.base.arguments import checking, number_of, path_of, text_of, whole_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError
+from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import require_mappings
 from fastcoil.logs.pieces import MOST_SECONDS
 from fastcoil.logs.plausibility import above_saturation
-from fastcoil.loops.boundary.conditions import condition_of, days_of, whole_seconds
+from fastcoil.loops.boundary.air_handler import chosen_settings, outdoors_of, series_of_day, settings_of
+from fastcoil.loops.boundary.conditions import condition_of, days_of, several_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.series import Values
-from fastcoil.loops.boundary.weather_files import MOST_APART, read_weather, warn_of_hours
+from fastcoil.loops.boundary.weather_files import MOST_APART, Weather, read_weather, warn_of_hours
 from fastcoil.model.moist_air import humidity_ratio, mix
+
+_FIRST_YEAR, _LAST_YEAR = 1970, 2199
+MonthDay: TypeAlias = tuple[int, int]
+
+
+def _require_leap_year(year: int, weather: Weather, file: str) -> None:
+    """Refuse a year that has a 29 February where the file has none, and the other way round."""
+    hours, series = weather.series["hour_of_year"], weather.series
+    leap = bool(hours[-1] > 8760)
+    if "month" in series and "day" in series:
+        leap = leap or bool(((series["month"] == 2) & (series["day"] == 29)).any())
+    if isleap(year) != leap:
+        has, other = ("a", "a leap year") if leap else ("no", "a year that is no leap year")
+        raise InputError(f"year = {year}: {file} has {has} 29 February, give {other}")
+
+
+def _labels_between(first: MonthDay | None, last: MonthDay | None, available: range, year: int) -> list[int]:
+    """Days of the year from a date to another, across the end of the year if the last one comes first."""
+    if not isleap(year):
+        for name, month_day in (("first_date", first), ("last_date", last)):
+            if month_day == (2, 29):
+                raise InputError(f"{name} = 02-29: the weather has no 29 February, give another day")
+    low = date(year, *first).timetuple().tm_yday if first else available[0]
+    high = date(year, *last).timetuple().tm_yday if last else available[-1]
+    return list(range(low, high + 1)) if low <= high else [*range(low, 366 + isleap(year)), *range(1, high + 1)]
+
+
+def _dates_of(labels: Sequence[int], first_year: int) -> list[date]:
+    """Dates of days of the year; a day before the one in front of it is one of the next year."""
+    year, before, found = first_year, 0, []
+    for label in labels:
+        year += label < before
+        if isleap(first_year) and year != first_year:
+            raise InputError("days go on into the next year, but the weather has a 29 February: end at 12-31")
+        # in the next year it is the same date, whatever the number of the day
+        found.append((date(first_year, 1, 1) + timedelta(days=label - 1)).replace(year=year))
+        before = label
+    return found
+
+
+def _month_day_of(name: str, value: object) -> MonthDay:
+    """Month and day of a text such as ``06-15``."""
+    text = text_of(name, value)
+    match = re.fullmatch(r"(\d\d?)-(\d\d?)", text.strip(), re.ASCII)
+    try:
+        found = date(2000, int(match[1]), int(match[2])) if match else None
+    except ValueError:
+        found = None
+    if found is None:
+        raise InputError(f"{name} = {shown(text)}: give month and day, such as 06-15")
+    return found.month, found.day
+
+
+def _month_days_of(name: str, value: object) -> set[MonthDay]:
+    return {_month_day_of(name, one) for one in several_of(name, value, "give a list such as 01-01, 12-25")}
+
+
+def _hours_of(name: str, value: object) -> tuple[float, float]:
+    """First and last hour of a day, in whole seconds."""
+    cure = "give the hours of start and stop, such as 6, 20"
+    pair = [number_of(name, hour, cure, least=0.0, most=24.0) for hour in several_of(name, value, cure)]
+    if len(pair) != 2 or not pair[0] < pair[1]:
+        raise InputError(f"{name} = {shown(value)}: give a start before the stop, from 0 to 24")
+    start, stop = pair
+    if any(abs(3600 * hour - round(3600 * hour)) > 1e-6 for hour in pair) or stop - start < 0.25:
+        raise InputError(f"{name} = {start:g}, {stop:g}: give whole seconds (n / 3600), a quarter of an hour at least")
+    return start, stop
+
+
+def weather_year(
+    path: str | Path,
+    *,
+    mode: str = "cooling",
+    year: int,
+    days: Sequence[int] | None = None,
+    first_date: str | None = None,
+    last_date: str | None = None,
+    fan_hours: Sequence[float] = (6.0, 20.0),
+    weekend_fan_hours: Sequence[float] | None = None,
+    holidays: Sequence[str] | None = None,
+    m_a_design: float = 1.3,
+    m_a_min: float = 0.5,
+    outdoor_air_min: float = 0.25,
+    economiser: Literal["differential", "fixed", "none"] | None = None,
+    economiser_limit: float | None = None,
+    T_return: float | None = None,
+    RH_return: float | None = None,
+    T_balance: float | None = None,
+    T_design: float | None = None,
+    internal_load: float | None = None,
+    zones: int = 20,
+    zone_spread: float = 0.3,
+    set_point: Literal["fixed", "outdoor_reset", "trim_and_respond"] | None = None,
+    T_set: float | None = None,
+    T_set_min: float | None = None,
+    T_set_max: float | None = None,
+    T_out_min: float | None = None,
+    T_out_max: float | None = None,
+    trim: float | None = None,
+    respond: float | None = None,
+    respond_max: float | None = None,
+    ignored_requests: int | None = None,
+    trim_delay: int | None = None,
+    trim_interval: int | None = None,
+    water: Literal["fixed", "load", "outdoor"] = "fixed",
+    T_w_in: float | None = None,
+    T_w_min: float | None = None,
+    T_w_max: float | None = None,
+    T_out_w_min: float | None = None,
+    T_out_w_max: float | None = None,
+    disturbances: float = 1.0,
+    seed: int = 1,
+    pressure: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Boundary:
+    """Days of a weather year, of 24 h each, as an air handler sees them: a stream, made day by day.
+
+    The weather is read as by `weather_day`; before the first row its values hold.  A day runs from midnight to midnight
+    in the standard time of the site, its label is the day of the year.  Outside its hours the fan stands (``m_a`` = 0)
+    and the loop is off (``enabled`` = 0); so it is where the mixture needs nothing of the coil: from less than 0.2 K
+    beyond the set-point on until it is more than 0.5 K.  The load, the zones and their requests are a stand-in for a
+    building, described with all formulas in docs/years.md.  Arguments left out take the
+    defaults of the mode, `DEFAULTS`.
+
+    Parameters
+    ----------
+    path, pressure, columns, units
+        The file, as for `weather_day`; ``pressure`` [Pa].
+    mode
+        ``cooling`` or ``heating``: of the coil.
+    year
+        Whose days of the week and dates count.
+    days
+        Days of the year, from 1; all if left out.  A day before the one in front of it is one of the next year.
+    first_date, last_date
+        Or month and day of the first and the last one, ``"06-01"``; also across the end of the year.
+    fan_hours, weekend_fan_hours, holidays
+        Hours of start and stop of the fan, Monday to Friday, and Saturday and Sunday (it stands if left out); dates
+        such as ``"12-25"`` that are run like a Saturday or Sunday.
+    m_a_design, m_a_min
+        Air flow at full load and least air flow [kg/s].
+    outdoor_air_min
+        Least flow of outdoor air while the fan runs [kg/s].
+    economiser, economiser_limit
+        ``differential`` (more outdoor air where it is cooler than the return air), ``fixed`` (where it is cooler than
+        ``economiser_limit`` [degC]) or ``none``; heating has none.
+    T_return, RH_return
+        Return air [degC, 1]; the zones have its temperature.
+    T_balance, T_design
+        Outdoor temperatures [degC] at which the building's shell has no load and its full one.  Without ``T_design``
+        the one that 0.4 % of the hours of the file exceed, in heating fall below.
+    internal_load
+        Load by people and devices as a share of the design load; in heating it is taken off.
+    zones, zone_spread
+        Number of zones, and how far their loads lie apart, as a share of their mean.
+    set_point
+        ``fixed`` (``T_set``), ``outdoor_reset`` (``T_set_max`` up to the outdoor temperature ``T_out_min``,
+        ``T_set_min`` from ``T_out_max`` on, straight between) or ``trim_and_respond`` (the same, its ``T_set_max``
+        lowered by requests of the zones; cooling only).  Temperatures [degC].
+    trim, respond, respond_max
+        Steps of trim and respond [K]: 0.1 up each time, 0.2 down for each request that counts, 0.6 down at most.
+    ignored_requests, trim_delay, trim_interval
+        Requests that do not count, 2; seconds from the start of the fan to the first step, 600, and from step to step,
+        120.
+    water, T_w_in, T_w_min, T_w_max, T_out_w_min, T_out_w_max
+        Entering water: ``fixed`` (``T_w_in``), ``load`` (from ``T_w_max`` without load to ``T_w_min`` at full load; in
+        heating the other way round) or ``outdoor`` (``T_w_max`` up to the outdoor temperature ``T_out_w_min``,
+        ``T_w_min`` from ``T_out_w_max`` on) [degC].
+    disturbances, seed
+        Noise that is faster than hours, over that of `paper_day` (0: none); a whole number from 0 to 2**32 - 1 for it.
+    """
+    given = dict(locals())
+    with checking() as check:
+        path = check(path_of, "path", path, "give the path of an EPW, TMY3 or CSV file")
+        check(require_mappings, columns=columns, units=units)
+        pressure = check.unless_none(condition_of, "pressure", pressure)
+        years = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
+        year = check(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years)
+        labels = check.unless_none(days_of, "days", days)
+        first = check.unless_none(_month_day_of, "first_date", first_date)
+        last = check.unless_none(_month_day_of, "last_date", last_date)
+        weekday = check(_hours_of, "fan_hours", fan_hours)
+        weekend = check.unless_none(_hours_of, "weekend_fan_hours", weekend_fan_hours)
+        free = check.unless_none(_month_days_of, "holidays", holidays) or set()
+        chosen = check(chosen_settings, given)
+        if days is not None and not (first_date is None and last_date is None):
+            check.problems.append("days and first_date, last_date are both given: give one of them")
+    weather = read_weather(path, columns, units, pressure)
+    outdoors = outdoors_of(weather, pressure, path.name)
+    _require_leap_year(year, weather, path.name)
+    if labels is None:
+        labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
+    dates = _dates_of(labels, year)
+    if absent := [label for label in labels if label not in outdoors.days]:
+        more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
+        raise InputError(
+            f"days: {path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year, not "
+            f"{absent[0]}{more}: choose among them"
+        )
+    fan = {
+        label: weekend if date.weekday() >= 5 or (date.month, date.day) in free else weekday
+        for label, date in zip(labels, dates, strict=True)
+    }
+    settings = settings_of(chosen, outdoors, fan, path.name)
+    if settings.disturbances == 0.0:
+        warn_of_hours(weather)
+    return Boundary.from_days(
+        partial(series_of_day, settings, outdoors),
+        day=labels,
+        hours=24,
+        start=[day.isoformat() for day in dates],
+        time_zone=weather.time_zone,
+    )
 
 
 def weather_day(

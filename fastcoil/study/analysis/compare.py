@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain
+from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain, refuse
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.text import NONE, decimals_of, percent, written
 from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_values
@@ -269,5 +269,4 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
             problems.append(f"metrics: {name!r} is {kind}, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, number_of, text_of
+from fastcoil.base.arguments import checking, flag_of, number_of, refuse, text_of
 from fastcoil.base.errors import InputError, shown
 from fastcoil.loops.scenarios import attributes, check_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY
@@ -203,8 +203,7 @@ def _require_billable(ds: xr.Dataset) -> None:
     # numbers would be taken for months since 1970
     if start is not None and (start.dtype.kind != "M" or not set(start.dims) <= {"day"} or bool(start.isnull().any())):
         problems.append("start has something else than a date for each day: drop it with ds.drop_vars('start')")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _constant_action(ds: xr.Dataset) -> str | None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 from fastcoil.model.metric_table import METRICS, PREDICTIONS
@@ -62,8 +63,7 @@ def selected(ds: xr.Dataset, at: Mapping[str, Sequence[str]], option: str = "--a
         kept[dim] = np.logical_and(kept.get(dim, True), np.logical_or.reduce(found))
     if not problems and any(not mask.any() for mask in kept.values()):
         problems.append(f"{option}: no scenario has all of these labels together")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     single = [dim for dim in kept if len(at.get(str(dim), ())) == 1]
     return ds.isel({d: int(np.argmax(mask)) if d in single else np.flatnonzero(mask) for d, mask in kept.items()})
 
@@ -75,8 +75,7 @@ def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[s
     unknown = [name for name in labels if name not in dims]
     problems = [f"{option} {name}: no dimension of what is drawn{nearest(name, dims)}; {has}" for name in unknown]
     problems += [f"{option} {name}: give one label" for name, texts in labels.items() if len(texts) > 1]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     case = selected(ds, labels, option)
     return {d: int(np.argmax(ds[d].values == case[d].values)) for d in labels}, in_words(case, labels)
 

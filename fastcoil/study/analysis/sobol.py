@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, flag_of, level_of, names_of
+from fastcoil.base.arguments import checking, flag_of, level_of, names_of, refuse
 from fastcoil.base.errors import InputError, shown
 from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
@@ -63,8 +63,7 @@ def sobol_indices(
     problems += [
         f"metrics: {n!r} is no quantity over sample and design: give a metric such as rmse" for n in no_quantity
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     found = {}
     coords: dict[Any, Any] = {"parameter": parameters, "index": list(INDICES), "edge": list(EDGES)}
     for name in names:

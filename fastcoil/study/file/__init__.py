@@ -1,6 +1,6 @@
 """Reads a study file (TOML) into a validated study: strict, and with a sentence for every mistake.
 
 Read ``spec`` first, which puts a study together, then ``tables`` (shape of the file), ``loop`` (``[loop]``,
-``[sweep]``, ``[cases]``, files included), ``sampling`` (``[sample]``) and ``own_code`` (estimators, laws and
-reductions, read as text, and run where a study is).  ``starters`` has the template and the studies to copy.
+``[sweep]``, ``[cases]``, files included, ``[sample]``) and ``own_code`` (estimators, laws and reductions, read as text,
+and run where a study is run).  ``starters`` has the template and the studies to copy.
 """

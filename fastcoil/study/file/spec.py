@@ -14,15 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fastcoil.base.arguments import collecting
+from fastcoil.base.arguments import collecting, refuse
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.design.operating_points import require_one_gap
 from fastcoil.design.tuning_plan import Asked, plan_tuning
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import constant_day, design_day, heating_day, paper_day
-from fastcoil.loops.boundary.weather import weather_day
-from fastcoil.loops.boundary.weather_year import weather_year
+from fastcoil.loops.boundary.weather import weather_day, weather_year
 from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.plan import Plan, check_memory, plan_simulation
 from fastcoil.loops.scenarios import Layout
@@ -31,9 +30,8 @@ from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.analysis.cost import TAKEN, tariff_of
 from fastcoil.study.analysis.selected import listed
 from fastcoil.study.analysis.summary import Billing
-from fastcoil.study.file.loop import axis_size, build_loop, read_includes, warn_of_magnitudes
+from fastcoil.study.file.loop import axis_size, build_loop, design_size, read_includes, warn_of_magnitudes
 from fastcoil.study.file.own_code import Source, find_rules, find_source
-from fastcoil.study.file.sampling import design_size
 from fastcoil.study.file.tables import RunTable, StudyFile, TariffTable, TuneTable, parse_tables, parse_toml, with_hints
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
@@ -109,8 +107,7 @@ def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
             elif label not in (labels := layout.coordinates()[dim].values.tolist()):
                 known = listed([str(each) for each in labels])
                 problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {known}")
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return Billing(tariff, baseline)
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastcoil.base.arguments import collecting
+from fastcoil.base.arguments import collecting, refuse
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.model.metric_table import TRACES, WARM_UP
@@ -42,8 +42,7 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
         short = reason if len(reason) <= 300 else reason[:200] + " … " + reason[-60:]
         raise InputError(f"{name} is not valid TOML: {short}") from None
     problems = list(_unusable(tables))
-    if problems:
-        raise InputError([f"{name}: {problem}" for problem in problems])
+    refuse([f"{name}: {problem}" for problem in problems])
     return tables
 
 

@@ -1,8 +1,8 @@
 """The folder of a study: every file in it, written so that a kill at any moment loses nothing that was finished.
 
 Read ``folder`` first, for the files by name and the lock, then ``stored`` (the files with a hash: ``run.json``, shards,
-``results.nc``, traces), ``results`` (what has been computed so far, opened, matched with a larger study, merged) and
-``verify`` (everything checked).
+``results.nc``, traces) and ``results`` (what has been computed so far, opened, matched with a larger study, merged, and
+everything checked).
 
 The commit protocol: a shard is written to a temporary file, flushed, renamed to a name that contains its SHA-256, and
 its folder flushed (``base.files.commit``, called by ``Shards.commit``).  A run that goes on takes every shard whose

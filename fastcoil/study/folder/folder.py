@@ -131,10 +131,7 @@ class StudyFolder:
     def read_study(self, manifest: Manifest) -> Study:
         """Read the study that is run, from the text in the folder.
 
-        Raises
-        ------
-        IntegrityError
-            If it, or a file it reads, is not what it was when the run was started.
+        ``IntegrityError`` if it, or a file it reads, is not what it was when the run was started.
         """
         cure = f"`fastcoil run STUDY.toml -o {self.path}`, with the file the run was started from, restores {STUDY}"
         if self.read_text() is None:
@@ -193,14 +190,9 @@ class StudyFolder:
 def hold(folder: Path) -> Iterator[None]:
     """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
 
-    Raises
-    ------
-    InputError
-        If there is a file of that name, or no folder of results can have that name.
-    LockedError
-        If another process holds it; the operating system frees it when that process ends, however it ends.
-    StorageError
-        If it cannot be written or its file system has no locks.
+    ``InputError`` if there is a file of that name, or no folder of results can have that name.  ``LockedError`` if
+    another process holds it; the operating system frees it when that process ends, however it ends.  ``StorageError``
+    if it cannot be written or its file system has no locks.
     """
     require_usable(folder, "choose another folder with -o")
     if "\\" in str(folder) or not is_text(str(folder.absolute())):

@@ -1,4 +1,4 @@
-"""What has been computed of a study: opened, matched with a larger version of it, and merged into ``results.nc``."""
+"""What has been computed of a study: opened, matched with a larger version of it, merged, checked."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import path_of
-from fastcoil.base.errors import InputError, IntegrityError
+from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
+from fastcoil.base.figures import stale_figures
 from fastcoil.base.files import exists, is_file, is_folder, storage_errors
 from fastcoil.design.prediction import predictions
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import layout_of, try_reading, write
 from fastcoil.loops.plan import Plan, simulation_attributes
 from fastcoil.loops.provenance import combined_sha256, environments_of, provenance, variable_sha256
-from fastcoil.loops.scenarios import check_result, columns_of, join_flat, unflatten
+from fastcoil.loops.scenarios import check_result, check_same_form, columns_of, join_flat, unflatten
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.model.numerics.jit import same_model
@@ -241,12 +242,7 @@ class Computed:
     def find(cls, folder: StudyFolder, study: Study, manifest: Manifest) -> Computed:
         """Find it; results of another model do not count.
 
-        Raises
-        ------
-        InputError
-            If the study is no extension of the results.
-        IntegrityError
-            If they are damaged.
+        ``InputError`` if the study is no extension of the results.  ``IntegrityError`` if they are damaged.
         """
         shards, nothing = Shards(folder.path, manifest.key), Match(*np.empty((2, 0), dtype=np.int64))
         results = folder.open_results() if folder.has_results else None
@@ -310,24 +306,9 @@ def merge(
 ) -> xr.Dataset:
     """Write all parts as one labelled result, its traces in a file of their own, and remove the shards.
 
-    Parameters
-    ----------
-    folder, study, manifest
-        Where, what, and the run to which the parts belong.
-    parts
-        Reads the parts.
-    attrs
-        Further attributes of the result.
-
-    Returns
-    -------
-    xarray.Dataset
-        As of ``StudyFolder.open_results``.
-
-    Raises
-    ------
-    IntegrityError
-        If parts were lost since they were written.
+    folder, study, manifest: where, what, and the run to which the parts belong.  parts: reads the parts.  attrs:
+    further attributes of the result.  Returns what ``StudyFolder.open_results`` does.  ``IntegrityError`` if parts were
+    lost since they were written.
     """
     plan = study.plan
 
@@ -436,3 +417,62 @@ def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], 
         return array
 
     return allocate
+
+
+# --- checked ----------------------------------------------------------------------------------------------------------
+
+
+def problems_of_folder(store: StudyFolder) -> list[str]:
+    """Check every file in a folder: a sentence for each problem.  Nothing is changed.
+
+    ``InputError`` if the folder holds no study.  ``StorageError`` if the results cannot be read.  ``IntegrityError`` if
+    ``run.json`` is lost or damaged, so that it is unknown which study the folder holds.
+    """
+    manifest = store.require_manifest()
+    problems: list[str] = []
+    try:
+        store.read_study(manifest)
+    except IntegrityError as error:
+        problems = str(error).splitlines()
+    problems += problems_of_results(store, manifest)
+    return [*problems, *_problems_of_shards(Shards(store.path, manifest.key))]
+
+
+def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]:
+    """What is wrong with the final files of a folder, whether or not its study can still be read."""
+    if not store.has_results:
+        if manifest.finished:
+            yield f"{store.results} is missing: run the study again"
+        return
+    try:
+        ds = store.open_results()
+        yield from find_problems(ds, store.path, manifest)
+    except StorageError:
+        raise
+    except FastcoilError as error:
+        yield str(error)
+        return
+    if not manifest.finished:
+        return
+    again = f"run the study again, with -o {store.path}, which puts it right"
+    if not is_current(ds, manifest):
+        yield f"{store.results} is of another study, or incomplete: {again}"
+    elif (store.read_text() or "").replace("\r\n", "\n") != ds.attrs.get("study_toml"):
+        yield f"{store.study} is not the text of the study that was run: {again}"
+    for path in store.trace_files():
+        if path.name != ds.attrs.get("trace_file"):
+            yield f"{path} is not of this run: {again}"
+    for path in stale_figures(store.path, ds.attrs["content_sha256"]):
+        yield f"{path} was drawn from other results: run `fastcoil plot {store.path}`, or delete it"
+
+
+def _problems_of_shards(shards: Shards) -> Iterator[str]:
+    first = None
+    for shard in shards.inspect():
+        if shard.part is None:
+            yield f"{shard.path} {shard.problem}"
+            continue
+        try:
+            first = check_same_form(first, shard.part)
+        except FastcoilError as error:
+            yield f"{shard.path}: {error}"

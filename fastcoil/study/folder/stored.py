@@ -270,12 +270,8 @@ def publish(path: Path, write: Callable[[Path], object], manifest: Manifest) -> 
 def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     """Open the results in a folder, checked against their hashes; traces stay on the disk until they are asked for.
 
-    Raises
-    ------
-    InputError
-        If there are none, or a later version of fastcoil wrote them.
-    StorageError, IntegrityError
-        If a file cannot be read; if its content is not what was written.
+    ``InputError`` if there are none, or a later version of fastcoil wrote them.  ``StorageError`` if a file cannot be
+    read, ``IntegrityError`` if its content is not what was written.
     """
     path = folder / RESULTS
     if not exists(path):

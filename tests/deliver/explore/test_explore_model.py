@@ -9,19 +9,22 @@ import pytest
 from helpers.advice_checks import any_loop
 
 import fastcoil as fc
-from fastcoil.deliver.explore.loop import AXES, TRACES, Model, scene_of
-from fastcoil.deliver.explore.loop import run as explored
-from fastcoil.deliver.explore.settings import (
+from fastcoil.deliver.explore.loop import (
+    AXES,
     CHOICES,
     DIALS,
     STORIES,
+    TRACES,
+    Model,
     query_of,
     read_query,
+    scene_of,
     settings_of,
     settings_of_story,
     starts,
     words_of,
 )
+from fastcoil.deliver.explore.loop import run as explored
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import PRESETS
 from fastcoil.study.maintenance import Scenario, one_scenario

@@ -7,8 +7,8 @@ from helpers.results import drawn, result
 from helpers.rules import by_error
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.figures import study as plots
-from fastcoil.deliver.figures.study import control_dims
+from fastcoil.deliver.figures import swept as plots
+from fastcoil.deliver.figures.swept import control_dims
 from fastcoil.loops.scenarios import coordinate_attrs
 from fastcoil.study.analysis.paired import relative_to
 from fastcoil.study.analysis.selected import binned

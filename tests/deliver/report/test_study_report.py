@@ -14,8 +14,7 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.deliver.report import page as pictures
 from fastcoil.deliver.report import study as module
-from fastcoil.deliver.report.computed import how
-from fastcoil.deliver.report.page import Code, Section, Table, change, left_out, number, picked, setting, span
+from fastcoil.deliver.report.page import Code, Section, Table, change, how, left_out, number, picked, setting, span
 from fastcoil.deliver.report.page import Page as Made
 from fastcoil.deliver.report.study import comparisons
 from fastcoil.study.analysis.summary import findings

@@ -6,7 +6,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.model.metric_table import STATUS_CRASHED
-from fastcoil.study.file.sampling import sample_values
+from fastcoil.study.file.loop import sample_values
 
 UNIT = {"kp": {"uniform": [0.0, 1.0]}, "ti": {"uniform": [0.0, 1.0]}, "backlash": {"uniform": [0.0, 1.0]}}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.refusals import problems
 
-from fastcoil.study.file.sampling import sample_values
+from fastcoil.study.file.loop import sample_values
 from fastcoil.study.file.spec import read_study
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from fastcoil.study.file.sampling import DISTRIBUTIONS, METHODS, sample_values
+from fastcoil.study.file.loop import DISTRIBUTIONS, METHODS, sample_values
 
 SIZE = 4096
 UNIFORM = {"backlash": {"uniform": [0.02, 0.15]}, "kp": {"uniform": [0.01, 0.05]}}
@@ -114,9 +114,9 @@ def test_every_distribution_has_a_formula_here():
 @pytest.mark.parametrize("kind", DISTRIBUTIONS)
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_values_lie_strictly_inside_even_at_the_ends_of_the_unit_cube(kind, share, monkeypatch):
-    from fastcoil.study.file import sampling
+    from fastcoil.study.file import loop
 
-    monkeypatch.setattr(sampling, "_points", lambda _method, size, dims, _seed: np.full((size, dims), share))
+    monkeypatch.setattr(loop, "_points", lambda _method, size, dims, _seed: np.full((size, dims), share))
     arguments = SHARES[kind][0]
     (value,) = draw(size=1, kp={kind: arguments})["kp"]
     end = arguments[-1] if share else {"truncnorm": 0.0}.get(kind, arguments[0])

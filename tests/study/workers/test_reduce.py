@@ -9,8 +9,7 @@ import xarray as xr
 from helpers.refusals import only_problem, problems
 
 from fastcoil.base.errors import InputError
-from fastcoil.study.file.own_code import Source, load
-from fastcoil.study.reduce import reduce
+from fastcoil.study.file.own_code import Source, load, reduce
 
 SOURCE = """
 import numpy as np
