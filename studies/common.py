@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import fastcoil as fc
 from fastcoil.base.text import percent
-from fastcoil.study.analysis.paired import interval
+from fastcoil.study.analysis.compare import interval
 
 STUDIES = Path(__file__).parent
 RESULTS = STUDIES.parent / "results"

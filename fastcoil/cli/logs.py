@@ -206,7 +206,7 @@ def join(
     from fastcoil.logs.columns import max_gap_of
     from fastcoil.logs.join import join_points
     from fastcoil.logs.timestamps import time_format_of
-    from fastcoil.loops.boundary.clock import time_zone_of
+    from fastcoil.loops.boundary.series import time_zone_of
 
     if not files:
         raise InputError("give the files to join, such as command.csv T_sup.csv")
@@ -297,8 +297,7 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
 
     require_writable(out)
     announce_compilation("valve_flows")
-    found = fit_valve(data, **options)
-    write_and_print(found, out, report)
+    write_and_print(fit_valve(data, **options), out, report)
 
 
 @fit.command("coil")
@@ -319,8 +318,7 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
 
     require_writable(out)
     announce_compilation("march_coil")
-    found = fit_coil(data, minimise_on="both" if both else "T_sup", **options)
-    write_and_print(found, out, report)
+    write_and_print(fit_coil(data, minimise_on="both" if both else "T_sup", **options), out, report)
 
 
 def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
@@ -356,8 +354,7 @@ def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path |
     require_writable(out)
     loop = _loop_of(parts)
     announce_compilation()
-    found = fit_loop(data, loop, **options)
-    write_and_print(found, out, report)
+    write_and_print(fit_loop(data, loop, **options), out, report)
 
 
 def _loop_of(parts: Sequence[str]) -> Loop:

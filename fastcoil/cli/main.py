@@ -4,9 +4,8 @@ import click
 
 from fastcoil.base.machine import VERSION
 from fastcoil.cli.deliver import archive, cite, export, report
-from fastcoil.cli.design import explain, explore, tune
 from fastcoil.cli.logs import diagnose, fit, join, valve_test
-from fastcoil.cli.study import init, parameters, plan, plot, presets, rerun, run, status, verify
+from fastcoil.cli.study import explain, explore, init, parameters, plan, plot, presets, rerun, run, status, tune, verify
 from fastcoil.cli.terminal import Commands
 
 

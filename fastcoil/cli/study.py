@@ -1,22 +1,29 @@
-"""Commands on studies: ``init``, ``plan``, ``run``, ``status``, ``verify``, ``rerun``, ``plot``; parameter lists."""
+"""Commands on studies and their loops: to make, run, check and draw a study, to explain, tune and explore its loops."""
 
 from __future__ import annotations
 
+import asyncio
+import importlib.util
+import os
 import re
 import sys
 import time
 import tomllib
+import webbrowser
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from fastcoil.base.arguments import choice_of
-from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, nearest
-from fastcoil.base.files import commit, exists, file_name, is_folder
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra, nearest
+from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
 from fastcoil.base.progress import duration
-from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, with_scenario
+from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, pairs, with_scenario
+from fastcoil.cli.deliver import with_report, write_figure, write_found, write_report
 from fastcoil.cli.terminal import announce_compilation, interruptible, run_own_code, say
 
 if TYPE_CHECKING:
@@ -153,13 +160,12 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
 @click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
     """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
-    from fastcoil.study.file.starters import TEMPLATE, shipped_studies
-
     if only_list:
         for each, text in shipped_studies().items():
             say(f"{each:<20}{tomllib.loads(text)['title']}")
         return
-    texts = {"study": TEMPLATE} if name is None else shipped_studies()
+    template = files("fastcoil.study.file").joinpath("template.toml").read_text(encoding="utf-8")
+    texts = {"study": template} if name is None else shipped_studies()
     name = choice_of("--from", name or "study", texts)
     path, text = study or Path(f"{name}.toml"), texts[name]
     if exists(path):
@@ -168,6 +174,15 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
     # the script that does what `fastcoil run` does not
     say(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
+
+
+def shipped_studies() -> dict[str, str]:
+    """Name → text of the studies that come with fastcoil, by name."""
+    installed, package = files("fastcoil") / "studies", Path(str(files("fastcoil")))
+    home: Traversable = installed if installed.is_dir() else package.parent / "studies"  # of the repository
+    found = [file for folder in home.iterdir() if folder.is_dir() for file in folder.iterdir()]
+    found = sorted((file for file in found if file.name.endswith(".toml")), key=lambda file: file.name)
+    return {file.name.removesuffix(".toml"): file.read_text(encoding="utf-8") for file in found}
 
 
 @click.command()
@@ -287,7 +302,7 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
 
 def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
     """The part of the results to draw, with a title that describes it."""
-    from fastcoil.study.analysis.paired import relative_to
+    from fastcoil.study.analysis.compare import relative_to
     from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, numeric_dims, selected
 
     part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
@@ -342,3 +357,112 @@ def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
         if f"{name}.png" not in there:
             write({name: draw()}, folder / FIGURES, drawn_from=drawn_from)
     return [path for path in current_figures(folder, drawn_from) if path.suffix == ".png"]
+
+
+@click.command()
+@click.argument("target", type=PATH)
+@with_scenario
+@click.option(
+    "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Another value for a parameter, such as kp=0.03."
+)
+@click.option("-o", "--out", type=PATH, metavar="FIGURE", help="Figure to write: .png, .pdf or .svg; none by default.")
+@with_report
+def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path | None, report: Path | None) -> None:
+    """Explain whether and why one loop hunts, what would cure it, and what that costs.
+
+    TARGET is a preset such as lbnl (simulated on the generic day), a study file, or the folder of a study.
+
+    \b
+      fastcoil explain lbnl --set kp=0.03 --set ti=5
+      fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
+    """  # noqa: D301 — click reads the backspace
+    from fastcoil.base.figures import FORMATS
+    from fastcoil.design.explain import explain as explained
+    from fastcoil.study.maintenance import one_scenario
+
+    if out is not None:
+        require_file("-o", out, *(f".{form}" for form in FORMATS))
+    scenario = one_scenario(target, labels_of(at), pairs("--set", changes))
+    announce_compilation()
+    found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
+    say(scenario.title, *found.text.splitlines())
+    if out is not None:
+        write_figure(found, out, out.suffix.lower().removeprefix("."))
+    write_report(found, report)
+
+
+CHOSEN = "tuning.toml"
+
+
+@click.command()
+@click.argument("study", type=PATH)
+@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
+@with_report
+def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -> None:
+    """Tune kp, ti and other settings for all valves and days of a STUDY file, and validate them on others.
+
+    The table [tune] of the study file defines the search, the objective and the limits.
+    """
+    from fastcoil.base.progress import Shown
+    from fastcoil.design.tune import in_scenario_days, run_tuning
+    from fastcoil.loops.simulate import workers
+    from fastcoil.study.file.spec import read_study
+    from fastcoil.study.folder.folder import hold
+    from fastcoil.study.run import default_folder
+
+    n_jobs, folder = workers(jobs), out or default_folder(study)
+    asked = read_study(study, prepare=run_own_code).tuning
+    if asked is None:
+        raise InputError(
+            f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1], ti = [5, 600] }}"
+        )
+    announce_compilation()
+    with interruptible(study, folder, "tune"), hold(folder):
+        with Shown() as shown:
+            found = run_tuning(asked._replace(n_jobs=n_jobs), in_scenario_days(asked, shown))
+        say(*found.summary(), "")
+        path = folder / CHOSEN
+        write_found(found, path)
+        write_report(found, report)
+
+
+PORT = 5010
+
+
+@click.command()
+@click.argument("target", type=PATH, default="paper_like")
+@with_scenario
+@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any free port.")
+@click.option("--browser/--no-browser", default=True, help="Whether to open the page.")
+def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
+    """Open an interactive page for one loop: change gap, tuning or day and see the response.
+
+    TARGET is a preset (paper_like by default), a study file, or the folder of a study.  The page is served on this
+    machine only and needs no internet.  Ctrl-C ends it.
+
+    \b
+      fastcoil explore
+      fastcoil explore lbnl
+      fastcoil explore results/study --at backlash=0.07 --at day=3
+    """  # noqa: D301 — click reads the backspace
+    if importlib.util.find_spec("bokeh") is None:
+        raise missing_extra("explore", "bokeh", "explore")
+    from fastcoil.deliver.explore.loop import Model
+    from fastcoil.deliver.explore.page import serve
+    from fastcoil.loops.presets import PRESETS
+    from fastcoil.study.maintenance import one_scenario
+
+    name, labels = str(target), labels_of(at)
+    given = None if name in PRESETS and not labels else one_scenario(target, labels, {})
+    model = Model(given, name)
+    announce_compilation()
+
+    def ready(address: str) -> None:
+        say(f"Page: {address}  (this machine only; Ctrl-C ends it)")
+        has_screen = sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+        if browser and has_screen:
+            webbrowser.open(address)
+
+    asyncio.run(serve(model, port, ready))
+    say("Ended.")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, is_number, mapping_of, plain, refuse, whole_of
+from fastcoil.base.arguments import checking, collecting, is_number, mapping_of, plain, refuse, whole_of
 from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.design.describing_function import unknown
@@ -86,10 +86,8 @@ def axes_of(search: object, loop: Loop) -> tuple[Axis, ...]:
         raise InputError(f"search is empty: {cure}")
     axes, problems = [], list[str]()
     for name, bounds in given.items():
-        try:
+        with collecting(problems, "search: "):
             axes.append(_axis(name, bounds, loop))
-        except InputError as error:
-            problems += [f"search: {problem}" for problem in error.problems]
     if {"backlash_estimate", "estimate_ratio"} <= given.keys():
         problems.append("search: estimate_ratio stands in for backlash_estimate: search one or the other")
     kept = {dim for name, value in loop.swept.items() if name not in given for dim in value.dims}

@@ -14,8 +14,7 @@ import xarray as xr
 from fastcoil.base.arguments import instance_of, refuse
 from fastcoil.base.errors import InputError, IntegrityError, shown
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.clock import is_changed
-from fastcoil.loops.boundary.series import Frame, read_series
+from fastcoil.loops.boundary.series import Frame, is_changed, read_series
 from fastcoil.loops.labelled import Course
 from fastcoil.loops.loop import Loop, forgetting, words_used
 from fastcoil.loops.netcdf import CLOCK

@@ -69,9 +69,8 @@ def status(folder: Path) -> list[str]:
     ]
     if not is_model(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
-    return (
-        lines + running + ([] if left == 0 else [f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"])
-    )
+    resume = f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
+    return [*lines, *running, *([resume] if left else [])]
 
 
 def verify(folder: Path) -> list[str]:
@@ -143,12 +142,8 @@ def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], l
     found = selected(
         xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates()), {dim: [text] for dim, text in at.items()}
     )
-    problems = []
-    for dim, n in found["status"].sizes.items():
-        if n > 1:
-            labels = listed([str(label) for label in found[dim].values])
-            problems.append(f"--at: {dim} is missing, choose one of {labels}")
-    refuse(problems)
+    missing = {dim: [str(label) for label in found[dim].values] for dim, n in found["status"].sizes.items() if n > 1}
+    refuse([f"--at: {dim} is missing, choose one of {listed(labels)}" for dim, labels in missing.items()])
     found = found.squeeze()
     index = int(found["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from fastcoil.cli.main import main
-from fastcoil.study.file import starters as shipped
+from fastcoil.cli.study import shipped_studies
 from studies.__main__ import questions
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +30,7 @@ def test_init_writes_a_study_that_plans_and_never_overwrites(fastcoil):
 
 
 def test_every_study_of_the_repository_is_shipped_as_it_is():
-    assert shipped.shipped_studies() == {name: path.read_text(encoding="utf-8") for name, path in STUDIES.items()}
+    assert shipped_studies() == {name: path.read_text(encoding="utf-8") for name, path in STUDIES.items()}
 
 
 def test_a_shipped_study_is_written_under_its_name_or_another(fastcoil, tmp_path):
@@ -64,7 +64,7 @@ def test_a_study_that_a_script_analyses_says_so(fastcoil):
     assert "Analysis: `python -m studies learning`" in said
     analysed = {
         name: text.partition("# Analysis: ")[2].partition("\n")[0]
-        for name, text in shipped.shipped_studies().items()
+        for name, text in shipped_studies().items()
         if "# Analysis: " in text
     }
     assert analysed.keys() == {

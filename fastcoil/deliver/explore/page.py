@@ -307,16 +307,9 @@ class _FromHere(Matcher):  # type: ignore[misc]
 
 
 async def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
-    """Serve the page until SIGINT or SIGTERM.
+    """Serve the page until SIGINT or SIGTERM; all sessions share the model.
 
-    Parameters
-    ----------
-    model
-        Shared by all sessions.
-    port
-        0 takes any that is free.
-    ready
-        Called with the address of the page once it can be opened.
+    port: 0 takes any that is free.  ready: called with the address of the page once it can be opened.
     """
     listening = _bound(port)
     port = listening.getsockname()[1]

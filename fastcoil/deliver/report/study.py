@@ -35,7 +35,7 @@ from fastcoil.deliver.report.page import (
 )
 from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
-from fastcoil.study.analysis.paired import change_of, middle_of, without_off_days
+from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.selected import own_metrics
 from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
 from fastcoil.study.folder.folder import StudyFolder

@@ -17,7 +17,6 @@ from fastcoil.logs import read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.loops.boundary.clock import Clock, clock_of
 from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.samples import (
     Maker,
@@ -31,8 +30,10 @@ from fastcoil.loops.boundary.samples import (
 )
 from fastcoil.loops.boundary.series import (
     BOUNDARY_SERIES,
+    Clock,
     Frame,
     Values,
+    clock_of,
     label_array,
     read_series,
     series_of,

@@ -17,13 +17,15 @@ from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs.series import DIFFERENCE
-from fastcoil.loops.boundary.clock import SECONDS, Clock, Times
 from fastcoil.loops.boundary.humidity import Dampest, dampest
 from fastcoil.loops.boundary.series import (
     ADDED_SERIES,
     BOUNDARY_SERIES,
+    SECONDS,
+    Clock,
     Frame,
     Given,
+    Times,
     read_series,
     series_of,
     warn_of_stops,

@@ -296,6 +296,7 @@ def weather_day(
     columns, units
         Headers and units of a CSV file that differ from `WEATHER_COLUMNS`.
     """
+    given = dict(locals())
     with checking() as check:
         path = check(path_of, "path", path, "give the path of an EPW, TMY3 or CSV file")
         n_steps = check(whole_seconds, hours)
@@ -305,10 +306,7 @@ def weather_day(
         W_return = check.unless_none(condition_of, "W_return", W_return)
         pressure = check.unless_none(condition_of, "pressure", pressure)
         bounds = {"start_hour": (1, 8784), "month": (1, 12), "day": (1, 31), "hour": (0, 24)}
-        given = {"start_hour": start_hour, "month": month, "day": day, "hour": hour}
-        date: dict[str, Any] = {
-            name: check.unless_none(whole_of, name, value, *bounds[name]) for name, value in given.items()
-        }
+        date: dict[str, Any] = {n: check.unless_none(whole_of, n, given[n], *ends) for n, ends in bounds.items()}
         check(require_mappings, columns=columns, units=units)
         date["days"] = check.unless_none(days_of, "days", days)
     if (RH_return is None) == (W_return is None):

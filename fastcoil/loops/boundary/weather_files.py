@@ -24,7 +24,7 @@ from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import FRACTION, NUMBER, PRESSURE, TEMPERATURE, Series, counted, in_total, warn_of_reading
 from fastcoil.logs.table import Table
 from fastcoil.logs.timestamps import offset_text
-from fastcoil.loops.boundary.clock import YEARS, Times
+from fastcoil.loops.boundary.series import YEARS, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 
 STANDARD_PRESSURE = 101325.0

@@ -156,14 +156,10 @@ def cost(
     InputError
         If a price is missing or impossible, or ``ds`` lacks a metric.
     """
-    given = {
-        "electricity": electricity, "demand": demand, "heat": heat, "cop": cop, "electric_heat": electric_heat,
-        "currency": currency,
-    }  # fmt: skip
+    given = {name: value for name, value in locals().items() if name != "ds" and value is not None}
     check_result(ds)
     _require_billable(ds)
-    asked = _asked_in_study(ds) | {name: value for name, value in given.items() if value is not None}
-    tariff = tariff_of(asked, "give it, or a table [tariff] in the study file")
+    tariff = tariff_of(_asked_in_study(ds) | given, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
         warnings.warn(
             f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the "
@@ -193,8 +189,7 @@ def _require_billable(ds: xr.Dataset) -> None:
     problems += [f"ds has nothing along {dim}: choose a label at least" for dim, size in ds.sizes.items() if not size]
     taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
     problems += [f"ds has a dimension or coordinate {name}, which the costs have, too: rename it" for name in taken]
-    action = ds.coords["action"].values if "action" in ds.coords else _constant_action(ds)
-    if not {*np.ravel(np.asarray(action, dtype=object))} <= {"cooling", "heating"}:
+    if not {*np.ravel(np.asarray(_action_of(ds), dtype=object))} <= {"cooling", "heating"}:
         problems.append(
             "ds does not say whether its coils cool or heat: keep its attributes, or give "
             "ds.assign_coords(action='cooling')"
@@ -206,10 +201,10 @@ def _require_billable(ds: xr.Dataset) -> None:
     refuse(problems)
 
 
-def _constant_action(ds: xr.Dataset) -> str | None:
-    """The action of all loops of a result, by its attributes; None where they do not say it."""
-    action: str | None = json.loads(ds.attrs.get("parameters", "{}")).get("action")
-    return action
+def _action_of(ds: xr.Dataset) -> xr.DataArray:
+    """Whether the coils of a result cool or heat, by a coordinate or by its attributes; neither where none says it."""
+    constant = json.loads(ds.attrs.get("parameters", "{}")).get("action")
+    return ds.coords["action"] if "action" in ds.coords else xr.DataArray(constant)
 
 
 def _asked_in_study(ds: xr.Dataset) -> dict[str, Any]:
@@ -232,8 +227,7 @@ def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:
     of_months, months = billing_months(days.sizes["day"], start)
     shares = months["month_share"][1]
     years = math.fsum(shares) / 12.0  # of twelve months
-    action = ds.coords["action"] if "action" in ds.coords else xr.DataArray(_constant_action(ds))
-    heating = xr.DataArray(action == "heating").astype(float).reset_coords(drop=True)
+    heating = xr.DataArray(_action_of(ds) == "heating").astype(float).reset_coords(drop=True)
     parts = [_month(days.isel(day=at), share, tariff, heating) for at, share in zip(of_months, shares, strict=True)]
     monthly = xr.concat(parts, "month")
     yearly = monthly.sum("month", skipna=False) / years

@@ -2,5 +2,5 @@
 
 Read ``spec`` first, which puts a study together, then ``tables`` (shape of the file), ``loop`` (``[loop]``,
 ``[sweep]``, ``[cases]``, files included, ``[sample]``) and ``own_code`` (estimators, laws and reductions, read as text,
-and run where a study is run).  ``starters`` has the template and the studies to copy.
+and run where a study is run).
 """

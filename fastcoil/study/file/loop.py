@@ -214,9 +214,7 @@ _MOST_NAMED = 5
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
-def build_loop(
-    file: StudyFile, included: Mapping[str, Any] | None = None, rules: Mapping[str, Rule] | None = None
-) -> Loop:
+def build_loop(file: StudyFile, included: Mapping[str, Any], rules: Mapping[str, Rule]) -> Loop:
     """Build the loop of a study: preset, what it includes, constants, swept axes, named cases, the sample.
 
     rules: the study's own, by the names that stand for them in the tables.
@@ -224,17 +222,16 @@ def build_loop(
     if len(file.cases) > _MOST_DIMS:
         raise InputError(f"[cases] has {len(file.cases):,} tables: give at most {_MOST_DIMS}, each is a dimension")
     problems: list[str] = []
-    own = rules or {}
-    known = table_of(own)
+    known = table_of(rules)
     given = {name: value for name, value in file.loop.items() if name not in ("preset", "include")}
     constants = given
     with collecting(problems, "[loop] "):
         constants = expanded(given)
     standing = {n: "[loop]" if n in given else f"[loop] as part of {WORD}" for n in constants if n != WORD}
     constants = known_parameters({n: constants[n] for n in standing}, problems, "[loop] ", known)
-    loop = knowing(Loop(), own.values())
+    loop = knowing(Loop(), rules.values())
     with collecting(problems, "[loop] "):
-        loop = knowing(Loop.preset(str(file.loop.get("preset", "paper_like"))), own.values()).assign(**(included or {}))
+        loop = knowing(Loop.preset(str(file.loop.get("preset", "paper_like"))), rules.values()).assign(**included)
     valve = _valve_of_several_tables(file)
     if valve:
         # any installed valve, so that each table can change its part of it

@@ -10,7 +10,7 @@ from fastcoil.base.errors import InputError
 from fastcoil.deliver.figures import swept as plots
 from fastcoil.deliver.figures.swept import control_dims
 from fastcoil.loops.scenarios import coordinate_attrs
-from fastcoil.study.analysis.paired import relative_to
+from fastcoil.study.analysis.compare import relative_to
 from fastcoil.study.analysis.selected import binned
 
 SHAPE = (2, 3, 4, 6)

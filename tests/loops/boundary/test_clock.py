@@ -10,7 +10,7 @@ from helpers.refusals import assert_only_problem, only_problem
 
 import fastcoil as fc
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.clock import is_changed
+from fastcoil.loops.boundary.series import is_changed
 from fastcoil.loops.netcdf import with_numbers, with_times
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.provenance import content_sha256

@@ -12,7 +12,7 @@ from scipy import stats
 
 import fastcoil as fc
 from fastcoil.model.metric_table import STATUS_NON_FINITE
-from fastcoil.study.analysis.paired import STATISTICS
+from fastcoil.study.analysis.compare import STATISTICS
 
 
 def against_0(ds, **options):

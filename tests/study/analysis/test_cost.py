@@ -10,7 +10,7 @@ from helpers.costly_results import PRICES, days_from, result
 from helpers.refusals import problems
 
 import fastcoil as fc
-from fastcoil.study.analysis.paired import middle_of
+from fastcoil.study.analysis.compare import middle_of
 
 
 def bill(ds, prices, at, heating=False, electric=False):

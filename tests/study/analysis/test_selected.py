@@ -11,7 +11,7 @@ from helpers.results import drawn, result
 import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.model.metric_table import STATUS_NON_FINITE
-from fastcoil.study.analysis.paired import relative_to
+from fastcoil.study.analysis.compare import relative_to
 from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, is_label, selected
 
 

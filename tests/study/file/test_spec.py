@@ -1,11 +1,12 @@
 """Study files: what they mean, and that every mistake in one is named, all at once."""
 
+from importlib.resources import files
+
 import numpy as np
 import pytest
 from helpers.refusals import only_problem, problems
 
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.file.starters import TEMPLATE
 
 
 @pytest.fixture
@@ -176,7 +177,7 @@ def test_the_hash_is_also_of_what_lies_in_other_files(read, tmp_path):
 
 
 def test_the_template_is_a_valid_study(read):
-    assert read(TEMPLATE).plan.n_scenarios == 150
+    assert read(files("fastcoil.study.file").joinpath("template.toml").read_bytes()).plan.n_scenarios == 150
 
 
 def test_a_relative_path_starts_from_the_study_file(tmp_path):
