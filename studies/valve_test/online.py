@@ -70,7 +70,7 @@ def weekly(kind: str, test: fc.ValveTest | None, seed: int = SEED, n: int = VALV
 
 
 HEAD = (
-    "days", "test", "estimate right after 1 week · 2 weeks, worn valves", "of the estimates right", "too large",
+    "days", "test", "right after a week, worn valves", "right after two", "of the estimates right", "too large",
     "good valves accused", "RMSE of worn valves on other days: median, %", "on days of a test, %",
     "more than 1 % worse, worn", "more than 1 % worse, good",
 )  # fmt: skip
@@ -84,7 +84,7 @@ def row(ds: xr.Dataset) -> list[str]:
     found = ds["last"] > 0.0
     changes = [100 * float(ds[name].where(worn).median()) for name in ("rise", "on_test_days")]
     return [
-        " · ".join(str(share_of(right[name], worn)) for name in right),
+        *(f"{share_of(right[name], worn)}" for name in right),
         share_of(right["last"], worn & found).written(1) if bool((worn & found).any()) else "none",
         f"{share_of(ds.highest > ds.true + tolerance, worn)}",
         f"{int((ds.highest > GOOD).where(good).sum())} of {int(good.sum())}",
