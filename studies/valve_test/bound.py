@@ -22,7 +22,7 @@ from studies.days import of_kind, settings
 from studies.diagnosis.diagnosis import valves
 from studies.valve_test.valve_test import ASKED, HOURS, LOGGED, SEQUENCES, START, Case, log_of, read, simulated
 
-SEED, VALVES, DAYS = 9671, 128, 8
+SEED, VALVES, DAYS = 9671, 64, 8
 EVERY, AFTER = 10, 600
 """Seconds between the temperatures that count, and after the test in which they do."""
 CALMS_DOWN = 1800
