@@ -69,6 +69,9 @@ class Controller:
         self._require_cycles()
         known = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
         estimator = next((one for one in known if one.name == self.word["estimator"]), None)
+        if estimator is None:
+            self.number["backlash_estimate"] *= self.number["estimate_share"]
+            self.number["estimate_share"] = 1.0
         law = next((one for one in rules.laws if one.name == self.word["law"]), None)
         # the function as it was written, not as it was compiled
         written = {rule.name: rule.parts[0] for rule in loop.rules.values() if rule.is_loaded}
