@@ -80,6 +80,12 @@ class LoopFigures:
         fig.step("hours", "command", source=traces, color=RED, width=2, mode="after", legend_label="command")
         fig.line("hours", "opening", source=traces, color=BLUE, width=_WIDE, legend_label="opening")
 
+        self._tests = []
+        for fig in (self.temperature, self.valve):
+            shade = BoxAnnotation(fill_color=_SHADE, fill_alpha=0.5, line_alpha=0.0, level="underlay")
+            fig.add_layout(shade)
+            self._tests.append(shade)
+
         self.estimate = fig = _figure("estimate", hours, (0, 8), x_axis_label="time [h]", y_axis_label="gap [%]")
         fig.line("hours", "backlash", legend_label="gap", **dashed)
         fig.step("hours", "estimate", source=traces, color=RED, width=_WIDE, mode="after", legend_label="estimate")
@@ -114,6 +120,9 @@ class LoopFigures:
         for name in ("u", "command", "opening", "estimate"):
             shown[name] = 100.0 * shown[name]
         shown["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
+        tested = run.hours[first:][shown.pop("test") > 0.0]
+        for shade in self._tests:
+            shade.update(left=tested.min(initial=np.inf), right=tested.max(initial=-np.inf), visible=tested.size > 0)
         self._traces.data = {"hours": run.hours[first:], **shown}
         self._edges.data = _edges(run.parameter("backlash"))
         self._point.data = {"margin": [float(np.clip(run.margin, *_SHOWN_MARGINS))], "at": [0]}

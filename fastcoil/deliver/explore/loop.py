@@ -23,7 +23,9 @@ from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.simulate import simulate
-from fastcoil.model.metric_table import WARM_UP
+from fastcoil.loops.valve_test import ValveTest
+from fastcoil.measured.read_test import read_test
+from fastcoil.model.metric_table import TEST_ABORTED, WARM_UP
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.study.maintenance import Scenario
 
@@ -117,6 +119,7 @@ CHOICES = {
         "Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}
     ),
     "day": Choice("Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
+    "test": Choice("Valve test", {"none": "none", "usual": "usual", "gentle": "gentle, 45 min"}),
     "axes": Choice("Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),
     "colour": Choice("Colour", {"rmse": "RMS error", "hunting_swing": "hunting swing"}),
     "window": Choice("Time shown", {"day": "whole day", "2h": "2 h", "half": "30 min"}),
@@ -139,6 +142,7 @@ class Settings:
     valve: str = "own"
     estimator: str = "none"
     day: str = "steps"
+    test: str = "none"
     axes: str = "tuning"
     colour: str = "rmse"
     window: str = "2h"
@@ -215,6 +219,7 @@ STORIES: Mapping[str, Mapping[str, Any]] = {
     "Estimate too large": {"backlash_estimate": 0.1, "window": "half"},
     "Learning": {"estimator": "identify", "window": "day"},
     "Slower instead": {"ti": 40.0},
+    "A valve test": {"day": "constant", "test": "gentle", "noise_std": 0.02},
 }
 """Text of a button, and what it changes of the preset ``paper_like``."""
 
@@ -266,15 +271,28 @@ def scene_of(settings: Settings, start: Start) -> Scenario:
     return Scenario(start.title, loop_of(settings, start), day_of(settings, start), start.warm_up, start.seed)
 
 
+_BEFORE_END, _SETTLE = 4500.0, 300.0  # s from the start of a valve test to the end of the day, and for a loop to calm
+
+
+def valve_test_of(settings: Settings, scene: Scenario) -> ValveTest | None:
+    """The valve test of some settings, in the last hours of the day."""
+    if settings.test == "none":
+        return None
+    usual = ValveTest.heating if scene.loop["action"] == "heating" else ValveTest
+    make = ValveTest.gentle if settings.test == "gentle" else usual
+    return make(start=max(0.0, scene.boundary.n_steps - _BEFORE_END), settle=_SETTLE)
+
+
 EVERY = 5
 """Seconds between the samples of a trace."""
-TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate")
+TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate", "test")
 
 
 class Run(NamedTuple):
     """One loop on one day: a sample of each trace every ``EVERY`` seconds, its metrics, and what ``explain`` says.
 
     margin: NaN where theory cannot tell.  without: what the day shows without the gap, and without the inverse.
+    reading: what a valve test shows; empty without one.
     """
 
     scene: Scenario
@@ -286,6 +304,7 @@ class Run(NamedTuple):
     advice: str
     margin: float
     without: Mapping[str, str]
+    reading: str
 
     def value(self, metric: str) -> float:
         """A metric."""
@@ -301,7 +320,9 @@ class Run(NamedTuple):
 
     @property
     def compared(self) -> str:
-        """What the same day shows without the gap, and without the inverse."""
+        """What the valve test shows; without one, what the same day shows without the gap, and without the inverse."""
+        if self.reading:
+            return self.reading
         others = [f"Without {what}: {shown}." for what, shown in self.without.items()]
         return "  ".join(others if self.parameter("backlash") else ["The valve has no gap.", *others])
 
@@ -316,16 +337,31 @@ class Run(NamedTuple):
         return f"The estimate ends at {per_cent(round(found, 3))} for a gap of {gap}{since}."
 
 
-def run(scene: Scenario) -> Run:
-    """Simulate a loop, and explain it."""
+def run(scene: Scenario, test: ValveTest | None = None) -> Run:
+    """Simulate a loop, with a valve test if there is one, and explain it."""
     loop, day, warm_up, seed = scene.loop, scene.boundary, scene.warm_up, scene.seed
-    ds = simulate(loop, day, traces=TRACES, trace_interval=EVERY, warm_up=warm_up, seed=seed, n_jobs=1, progress=False)
+    how: Any = {"warm_up": warm_up, "seed": seed, "n_jobs": 1, "progress": False}
+    ds = simulate(loop, day, test=test, traces=TRACES, trace_interval=EVERY, **how)
     traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::EVERY]}
     found = explain(loop, day, warm_up=warm_up, seed=seed)
     words = {REPAIRED: "the gap", NO_INVERSE: "the inverse"}
     without = {what: found.shows(name) for name, what in words.items() if name in found.cures["cure"]}
     hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
-    return Run(scene, hours, traces, metrics, found.answer, found.why, found.advice, found.margin, without)
+    reading = "" if test is None else reading_of(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]
+    return Run(scene, hours, traces, metrics, found.answer, found.why, found.advice, found.margin, without, reading)
+
+
+def reading_of(ds: xr.Dataset, stroke_time: float) -> str:
+    """What a valve test shows, in words."""
+    reason = TEST_ABORTED[int(ds["test_aborted"])].replace("_", " ")
+    early = f"  The test ended early: {reason}." if ds["test_aborted"] else ""
+    if not ds["test"].any():
+        return early.strip()
+    r = read_test(ds[["command", "T_measured", "test"]], stroke_time=stroke_time)
+    low, high = map(per_cent, r.interval)
+    if r.identified:
+        return f"The valve test reads a gap of {per_cent(r.backlash)} (95 %: {low} to {high}).{early}"
+    return f"The valve test shows a gap of {low} to {high} and claims no size: {r.reason}.{early}"
 
 
 _TI = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 100.0, 140.0, 200.0, 280.0, 400.0, 560.0, 800.0)
@@ -358,10 +394,14 @@ class Model:
     def __init__(self, given: Scenario | None = None, preset: str = "paper_like") -> None:
         self.starts = starts(given)
         self.first = preset if given is None else GIVEN
-        self._run = lru_cache(_RUNS)(lambda settings: run(scene_of(settings, self.starts[settings.loop])))
+        self._run = lru_cache(_RUNS)(self._tested)
         self._map = lru_cache(_MAPS)(
             lambda settings: map_of(settings.axes, scene_of(settings, self.starts[settings.loop]))
         )
+
+    def _tested(self, settings: Settings) -> Run:
+        scene = scene_of(settings, self.starts[settings.loop])
+        return run(scene, valve_test_of(settings, scene))
 
     def run(self, settings: Settings) -> Run:
         """The loop of some settings, simulated and predicted."""
@@ -371,4 +411,4 @@ class Model:
         """The map around it, which does not depend on where its own point lies."""
         (x, along_x), (y, along_y) = AXES[settings.axes].items()
         point: Any = {x: along_x[-1], y: along_y[0]}
-        return self._map(replace(settings, colour="rmse", window="day", **point))
+        return self._map(replace(settings, colour="rmse", window="day", test="none", **point))

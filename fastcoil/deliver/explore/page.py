@@ -239,8 +239,8 @@ class Page:
         for fig in (*self._figures.all, self._map.fig):
             doc.add_root(fig)
         menus, wide = self._menus, {"sizing_mode": "stretch_width"}
-        pairs = [Row(menus[a], menus[b], **wide) for a, b in (("valve", "estimator"), ("day", "window"))]
-        doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, name="controls", **wide))
+        pairs = [Row(menus[a], menus[b], **wide) for a, b in (("valve", "estimator"), ("day", "test"))]
+        doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, menus["window"], name="controls", **wide))
         doc.add_root(Row(menus["axes"], menus["colour"], name="map-choices", **wide))
         stories = [
             _button(title, partial(self._move, settings_of_story(title, self._model.starts))) for title in STORIES

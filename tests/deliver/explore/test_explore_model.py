@@ -6,13 +6,16 @@ from urllib.parse import parse_qsl
 
 import numpy as np
 import pytest
+from bokeh.models import BoxAnnotation
 from helpers.advice_checks import any_loop
 
 import fastcoil as fc
+from fastcoil.deliver.explore.figures import LoopFigures
 from fastcoil.deliver.explore.loop import (
     AXES,
     CHOICES,
     DIALS,
+    EVERY,
     STORIES,
     TRACES,
     Model,
@@ -94,6 +97,29 @@ def test_whatever_the_loop_what_is_shown_is_the_explanation_beside_the_simulated
         assert (shown.answer, shown.why, shown.advice) == (found.answer, found.why, found.advice)
         assert shown.value("hunts") <= shown.answer.startswith("This loop will hunt")
         np.testing.assert_equal(shown.value("rmse"), float(found.cures["rmse"][0]))
+
+
+@pytest.mark.kernel
+def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model, tell):
+    settings, run = tell("A valve test")
+    start = run.scene.boundary.n_steps - 4500
+    test = fc.ValveTest.gentle(start=start, settle=300)
+    traces = ["command", "T_measured", "test"]
+    ds = fc.simulate(run.scene.loop, run.scene.boundary, test=test, traces=traces, trace_interval=EVERY, n_jobs=1)
+    np.testing.assert_array_equal(run.traces["command"], ds.command.values)
+    r = fc.read_test(ds, stroke_time=0)
+    assert r.identified
+    assert abs(r.backlash - 0.07) <= 0.014
+    assert f"reads a gap of {100 * r.backlash:.3g} %" in run.compared
+    figures = LoopFigures()
+    figures.show(run, settings.window)
+    (shade,) = figures.temperature.select(BoxAnnotation)
+    assert (shade.left, shade.right, shade.visible) == (start / 3600, (start + 45 * 60 - EVERY) / 3600, True)
+    without = model.run(replace(settings, test="none"))
+    assert without.reading == ""
+    figures.show(without, settings.window)
+    assert not shade.visible
+    assert model.map(settings) is model.map(replace(settings, test="none"))
 
 
 @pytest.mark.kernel

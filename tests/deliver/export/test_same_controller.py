@@ -28,7 +28,11 @@ LOOPS = {
     "identify": {"estimator": "identify"},
     "additive": {"compensation": "additive", "backlash_estimate": 0.07, "buffer_ratio": 3.0, "noise_std": 0.1},
     "heating": {
-        "preset": "heating", "backlash_estimate": 0.04, "estimate_share": 0.8, "error_dead_band": 0.2, "buffer": 0.01,
+        "preset": "heating",
+        "backlash_estimate": 0.04,
+        "estimate_share": 0.8,
+        "error_dead_band": 0.2,
+        "buffer": 0.01,
     },
 }
 MORE = {
