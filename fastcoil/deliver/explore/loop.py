@@ -119,7 +119,7 @@ CHOICES = {
         "Learning", {"none": "none", "learner": "learner", "identify": "identify", "own": "of the loop"}
     ),
     "day": Choice("Day", {"own": "of the loop", "steps": "steps", "constant": "constant", "design": "design day"}),
-    "test": Choice("Valve test", {"none": "none", "usual": "usual", "gentle": "gentle, 45 min"}),
+    "test": Choice("Valve test", {"none": "none", "usual": "usual", "gentle": "gentle"}),
     "axes": Choice("Map over", {"tuning": "Kp and Ti", "size": "gap and estimate"}),
     "colour": Choice("Colour", {"rmse": "RMS error", "hunting_swing": "hunting swing"}),
     "window": Choice("Time shown", {"day": "whole day", "2h": "2 h", "half": "30 min"}),
