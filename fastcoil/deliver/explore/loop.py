@@ -340,8 +340,9 @@ class Run(NamedTuple):
 def run(scene: Scenario, test: ValveTest | None = None) -> Run:
     """Simulate a loop, with a valve test if there is one, and explain it."""
     loop, day, warm_up, seed = scene.loop, scene.boundary, scene.warm_up, scene.seed
-    how: Any = {"warm_up": warm_up, "seed": seed, "n_jobs": 1, "progress": False}
-    ds = simulate(loop, day, test=test, traces=TRACES, trace_interval=EVERY, **how)
+    ds = simulate(
+        loop, day, test=test, traces=TRACES, trace_interval=EVERY, warm_up=warm_up, seed=seed, n_jobs=1, progress=False
+    )
     traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::EVERY]}
     found = explain(loop, day, warm_up=warm_up, seed=seed)
     words = {REPAIRED: "the gap", NO_INVERSE: "the inverse"}
