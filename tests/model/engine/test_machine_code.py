@@ -136,7 +136,7 @@ test = fc.ValveTest(start=3, settle=0.0, minutes=0.1, excursion=50.0)
 for compensation in ("inverse", "additive", "smooth"):
     loop = fc.Loop(compensation=compensation, backlash_estimate=0.05, sample_time=1, n_volumes=1)
     ds = fc.simulate(loop, fc.paper_day(hours=10 / 3600, seed=1), warm_up=2, test=test, traces=["test"], n_jobs=1)
-    assert ds.test_aborted == 0 and ds.test.sum() == 5
+    assert ds.test_aborted == 0 and ds.test.sum() == 6
 valve = {"neutral_zone": 0.01, "slip_jump": 0.02, "leakage": 0.0}
 loop = fc.Loop(**learner, **valve, noise_std=0.1, n_volumes=[1, 3], air_march=["lagged", "quasistatic"])
 day = fc.paper_day(hours=12 / 3600, seed=1)
