@@ -8,7 +8,7 @@ from typing import Any
 from fastcoil.base.arguments import checking
 from fastcoil.loops.assignment import checked_value
 from fastcoil.model.parameter_table import PARAMETERS
-from fastcoil.model.valve_test import FARTHEST, OVERSHOOT
+from fastcoil.model.valve_test import FARTHEST, OF_LIMIT, OVERSHOOT
 
 _EACH = 30.0  # seconds between two commands of a technician
 
@@ -19,8 +19,9 @@ class ValveTest:
 
     The command holds for ``settle`` s, then moves at ``rate`` in the direction that brings the temperature back to the
     set-point of the start.  Once the temperature has passed it by ``threshold``, the command holds for ``hold`` s,
-    turns, and moves the other way; each next ramp has the rate at which the temperature runs on by 0.5 K.  A loop may
-    have the same as parameters, ``test_start`` and so on, with values that are swept.
+    turns, and moves the other way; each next ramp has the rate at which the temperature runs on by 0.5 K, or by
+    a third of ``excursion`` if that is less.  A loop may have the same as parameters, ``test_start`` and so on, with
+    values that are swept.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ class ValveTest:
 
     def instructions(self) -> list[str]:
         """What a technician does with a stop-watch, step by step."""
-        step = 100 * self.rate * _EACH
+        step, overshoot = 100 * self.rate * _EACH, min(OVERSHOOT, OF_LIMIT * self.excursion)
         return [
             "Before: log command, T_sup and, if possible, m_a, T_a_in and T_w_in every 5 s, from an hour before the "
             "test.  Choose an hour in which load and water are steady, the valve neither fully closed nor fully open.",
@@ -98,8 +99,8 @@ class ValveTest:
             " back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
             f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {100 * FARTHEST:.0f} % of the "
             f"stroke, leave the command for {self.hold:g} s.",
-            f"5. If T_sup ran on by more than {OVERSHOOT:g} K after step 4, halve the change of step 3; if by less than"
-            f" {OVERSHOOT / 2:g} K, double it.  Then move the command the other way, as in steps 3 and 4.",
+            f"5. If T_sup ran on by more than {overshoot:.2g} K after step 4, halve the change of step 3; if by less"
+            f" than {overshoot / 2:.2g} K, double it.  Then move the command the other way, as in steps 3 and 4.",
             f"6. Go on to and fro until {self.minutes:g} min have passed since step 1; twice each way is the least.",
             "7. Note the time.  Give the valve back to the controller, bumplessly if it can, and log ten minutes more.",
             "After: fastcoil valve-test read LOG.csv --between START END, both in seconds from the start of the log.",

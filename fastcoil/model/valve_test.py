@@ -20,9 +20,9 @@ NO, EXCURSION, END_OF_STROKE, SWING, DISABLED = 0.0, 1.0, 2.0, 3.0, 4.0
 """Why a test was aborted, in the order of the flags of the metric ``test_aborted``."""
 WATCHED, CALM = 60.0, 0.3
 """Last seconds of settling, and K that the temperature may move in them."""
-OVERSHOOT = 0.5
-"""K by which the temperature is to run on beyond the threshold while the command holds: gain x rate x lag of the plant.
-The next ramp has the rate at which it does."""
+OVERSHOOT, OF_LIMIT = 0.5, 1 / 3
+"""K by which the temperature is to run on beyond the threshold while the command holds, and at most this share of the
+limit: gain x rate x lag of the plant.  The next ramp has the rate at which it does."""
 SLOWEST, FASTEST, FASTER = 0.2, 4.0, 2.0
 """A ramp's least and greatest rate over the given one, and over that of the ramp before."""
 FARTHEST = 0.3
@@ -96,8 +96,10 @@ def mean_of(command, p, memory):
 
 @exact
 def next_rate(rate, overshoot, p):
-    """Rate of the next ramp, 1/s: so that the temperature runs on by OVERSHOOT; at most twice as fast as the last."""
-    share = OVERSHOOT / overshoot if overshoot > OVERSHOOT / FASTER else FASTER
+    """Rate of the next ramp, 1/s: so that the temperature runs on as is wished; at most twice as fast as the last."""
+    limited = OF_LIMIT * p.test_excursion
+    wished = OVERSHOOT if OVERSHOOT < limited else limited
+    share = wished / overshoot if overshoot > wished / FASTER else FASTER
     rate = rate * share
     rate = FASTEST * p.test_rate if rate > FASTEST * p.test_rate else rate
     return SLOWEST * p.test_rate if rate < SLOWEST * p.test_rate else rate

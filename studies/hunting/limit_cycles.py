@@ -20,7 +20,7 @@ from fastcoil.design import limit_cycle as cycles
 from fastcoil.design.describing_function import describing_function
 from fastcoil.design.limit_cycle import HUNTS_ABOVE, Cycles, balance, cycles_of, frequency
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response, plants_of
+from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response
 from fastcoil.model.moist_air import humidity_ratio
 from studies.common import HEATING_GAIN, loguniform, share_of, write_table
 from studies.days import HEATING, kinds, of_kind, settings
@@ -272,13 +272,8 @@ def predicted_with(
 ) -> xr.Dataset:
     """What another way of reckoning predicts."""
     points = OperatingPoints(loop, days, days.n_steps - 1)
-    found = []
-    for index in points.chunks():
-        columns = points.columns(index)
-        found.append(of(columns, plants_of(columns, points.conditions(index))))
-    return points.dataset(
-        {name: (np.concatenate([getattr(c, name) for c in found]), {}) for name in Cycles._fields}
-    )  # fmt: skip
+    found = points.evaluated(lambda columns, _, plants: list(of(columns, plants)._asdict().items()))
+    return points.dataset({name: (values, {}) for name, values in found.items()})
 
 
 def without_motor(columns: dict[str, np.ndarray], plants: Plants) -> Cycles:

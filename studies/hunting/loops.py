@@ -9,7 +9,7 @@ of the command shows: gain K, time constant T and dead time theta.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from itertools import product
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.design.describing_function import describing_function
 from fastcoil.design.operating_points import OperatingPoints
-from fastcoil.design.plants import loop_response, plants_of
+from fastcoil.design.plants import Columns, Plants, loop_response
 from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SWING
 from fastcoil.model.moist_air import humidity_ratio
 from studies.common import HEATING_GAIN, loguniform, pooled, share_of
@@ -63,15 +63,16 @@ def margins(loop: fc.Loop, day: fc.Boundary) -> xr.DataArray:
     and Li (1991), eq 5.21.  A cycle asks for 1.  Motor, limits of the stroke and the curve of the valve are left out;
     ``fc.limit_cycle`` has them.  Proportional to kp.
     """
-    points, parts = OperatingPoints(loop, day, None), []
-    for index in points.chunks():
-        columns = points.columns(index)
-        L = loop_response(columns, plants_of(columns, points.conditions(index)), FREQUENCIES)
-        made = np.isfinite(L)  # there is none above half the sampling frequency
-        left = np.pi + np.unwrap(np.where(made, np.angle(L), 0.0), axis=1)
-        inside = made & (left > 0.0) & (left < 0.5 * np.pi)
-        parts.append(np.where(inside, np.abs(L) * np.interp(left, *_GAP), 0.0).max(axis=1))
-    return points.dataset({"margin": (np.concatenate(parts), {})}).margin
+    points = OperatingPoints(loop, day, None)
+    return points.dataset({"margin": (points.evaluated(_margin)["margin"], {})}).margin
+
+
+def _margin(columns: Columns, _: Mapping[str, np.ndarray], plants: Plants) -> Iterator[tuple[str, np.ndarray]]:
+    L = loop_response(columns, plants, FREQUENCIES)
+    made = np.isfinite(L)  # there is none above half the sampling frequency
+    left = np.pi + np.unwrap(np.where(made, np.angle(L), 0.0), axis=1)
+    inside = made & (left > 0.0) & (left < 0.5 * np.pi)
+    yield "margin", np.where(inside, np.abs(L) * np.interp(left, *_GAP), 0.0).max(axis=1)
 
 
 def gap(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

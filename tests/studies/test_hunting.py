@@ -53,7 +53,6 @@ def test_the_describing_function_of_a_gap_is_that_of_another_library():
         assert lag == pytest.approx(-np.angle(value))
 
 
-@pytest.mark.full
 @pytest.mark.kernel
 def test_the_margin_is_that_of_a_first_order_loop_by_hand_and_proportional_to_kp():
     """With a slow first-order sensor the coil is fast; what is left is K, a lag, half a sample, and an integral."""

@@ -126,7 +126,7 @@ def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, n
 
 BREAKS = [
     ("s.test_asked = start_test", "s.test_asked = False"), ("start_test and not s.test_asked", "start_test"),
-    ("s.test_asked = True", "s.test_asked = False"), ("OVERSHOOT / FASTER", "OVERSHOOT"), ("> SWINGS", "> 0.0"),
+    ("s.test_asked = True", "s.test_asked = False"), ("wished / FASTER", "wished"), ("> SWINGS", "> 0.0"),
     ("limit_2 = AT_FIRST", "limit_2 = 1.0"), ("u_2 - KP * e_3", "u_2"), (" and s.test == 0.0", ""),
     ("since >= TEST_HOLD", "since > TEST_HOLD"), ("s.u_ext = u_2", "s.u_ext = s.u_ext"), ("= DISABLED", "= NO"),
     ("x_hat = ESTIMATE_SHARE * s.estimate", "x_hat = s.estimate"), ("s.rising = mode_2 > 0.0", "s.rising = s.rising"),
