@@ -60,9 +60,8 @@ def bound(responses: np.ndarray, changes: np.ndarray, drift: np.ndarray) -> floa
     return float(np.sqrt(variance / (left @ left)))
 
 
-def bound_of(loop: fc.Loop, day: fc.Boundary, command: np.ndarray, end: int, seed: int) -> float:
-    """The bound of one test.  command: (n,), of the day with the test; end: of the test, s."""
-    rows = slice(START, end + AFTER, EVERY)
+def bound_of(loop: fc.Loop, day: fc.Boundary, command: np.ndarray, still: np.ndarray, rows: slice, seed: int) -> float:
+    """The bound of one day of which ``rows`` are seen, s.  command: (n,), as it was; still: as it is for the drift."""
 
     def temperature(command: np.ndarray, trace: str = "T_sup", **changed: float) -> np.ndarray:
         ds = fc.simulate(loop.assign(**changed), day, command=command, traces=[trace], seed=seed, n_jobs=1)
@@ -74,7 +73,6 @@ def bound_of(loop: fc.Loop, day: fc.Boundary, command: np.ndarray, end: int, see
         temperature(command, **{name: values[name] + step}) - temperature(command, **{name: values[name] - step})
         for name, step in zip(SMALL, steps, strict=True)
     ]
-    still = np.where(np.arange(command.size) < START - CALMS_DOWN, command, command[START:end].mean())
     return bound(np.array(responses), 2.0 * steps, temperature(still, "T_measured"))
 
 
@@ -92,7 +90,9 @@ def bounded(case: Case, seed: int, n: int = VALVES, days: int = DAYS) -> Bounded
         signals = of.signals.isel(sample=k, day=day)
         runs = np.flatnonzero(signals.test.values > 0.0)
         command = np.repeat(signals.command.values, LOGGED).astype(float)
-        least = bound_of(loop, boundary.isel(day), command, LOGGED * int(runs[-1]), seed)
+        end = LOGGED * int(runs[-1])
+        still = np.where(np.arange(command.size) < START - CALMS_DOWN, command, command[START:end].mean())
+        least = bound_of(loop, boundary.isel(day), command, still, slice(START, end + AFTER, EVERY), seed)
         size, *_ = read(log_of(of, case, k, day), of.stroke_time[k])
         excursion = float(abs(signals.T_sup - signals.T_set).values[runs].max())
         return of.backlash[k], least, size - of.backlash[k], excursion

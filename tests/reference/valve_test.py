@@ -56,7 +56,10 @@ def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle
                     break
                 found.append(command)
             ran_on = max(-direction * e for e in held) - threshold
-            rate = min(max(rate * (0.5 / ran_on if ran_on > 0.25 else 2.0), 0.2 * first_rate), 4.0 * first_rate)
+            wished = min(0.5, excursion / 3)
+            rate = min(
+                max(rate * (wished / ran_on if ran_on > wished / 2 else 2.0), 0.2 * first_rate), 4.0 * first_rate
+            )
             direction = -direction
     except Ended as end:
         return found, str(end)

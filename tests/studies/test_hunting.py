@@ -10,6 +10,7 @@ from studies import common as report
 from studies.hunting import backlash as hunting_backlash
 from studies.hunting import hunting
 from studies.hunting import loops as hunting_loops
+from studies.hunting import noise as hunting_noise
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +91,28 @@ def test_the_command_writes_every_table_and_figure(written, tmp_path, monkeypatc
     assert all(len(written(name)[1]) > 1 for name in names)
     for name in ("hunting", "hunting_population"):
         assert (tmp_path / "studies" / "hunting" / f"{name}.png").stat().st_size > 20_000
+
+
+def test_the_tables_of_noise_count_who_hunts_although_the_index_is_low(loops, written, monkeypatch):
+    """Loops that hunt above an index which noise lowers by 20 per kelvin, and never without a gap."""
+    noise = xr.DataArray(list(hunting_noise.NOISE), dims="noise", coords={"noise": list(hunting_noise.NOISE)})
+    index = (loops.kp * loops.K) ** 0.7 * (loops["T"] + 2.0 * loops.theta) / loops.ti
+    with_gap = (index > 5.0 - 20.0 * noise).astype(float)
+    hunts = xr.concat([with_gap, 0.0 * with_gap], xr.DataArray(["with", "without"], dims="gap", name="gap"))
+    ds = loops.assign(hunts=hunts, sample_time=("sample", np.resize(hunting_noise.SAMPLE_TIMES, 300)))
+    monkeypatch.setattr(
+        hunting_noise, "population", lambda *_: ds.assign(predicted=ds.predicted.expand_dims(gap=ds.gap))
+    )
+    hunting_noise.main()
+    able = ds.reachable.values
+    between = able & (index >= 4.0).values & (index < 5.0).values
+    (row,) = (row for row in written("hunting_noise")[1] if row[:2] == ["with", "4 to 5"])
+    assert [row[2], row[3].split()[0], row[-1].split()[0]] == [f"{between.sum()}", "0.0", "100.0"]
+    obeys = able & (index <= 5.0).values
+    share = 100 * (obeys & (index > 4.0).values).sum() / obeys.sum()
+    (row,) = (row for row in written("hunting_noise_limits")[1] if row[0].endswith("/ 5"))
+    assert [row[2].split()[0], row[-2].split()[0]] == ["0.0", f"{share:.1f}"]
+    assert all(
+        row[-2].startswith("0.0") for row in written("hunting_noise_limits")[1] if row[0].endswith(("/ 4", "/ 3"))
+    )
+    assert all(row[2].startswith("0 %") for row in written("hunting_noise_predicted")[1] if row[0] == "without")
