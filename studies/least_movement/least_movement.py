@@ -32,6 +32,8 @@ LOGGED, COUNTS_FROM = 10, 1800
 """Seconds between samples, and those at the start of a day that no bound counts."""
 GAPS, NOISE, STEPS = (0.02, 0.05, 0.10), (0.0, 0.01, 0.02, 0.05), (0.05, 3.0)
 """Gaps, fractions of stroke; standard deviations, K; smallest and largest step, K."""
+ABOUT = 0.1
+"""By how much a gap differs from these at most, as a share: those that readings compare are no better off."""
 GOOD_ONES = 8
 """One valve in so many has no gap."""
 SURE = 1.96
@@ -101,9 +103,11 @@ SIZED = ("steps", "ramps of 15 min")
 
 
 class Drawn(NamedTuple):
-    """Valves, loops, noises and sizes of step of one way to move."""
+    """Loops with their noise, and sizes of step."""
 
     values: dict[str, np.ndarray]
+    about: np.ndarray
+    """The gap that a valve's own is near to."""
     steps: np.ndarray
 
 
@@ -112,7 +116,9 @@ def drawn(seed: int, n: int) -> Drawn:
     draw = np.random.default_rng([seed, 1])
     worn = np.arange(n) % GOOD_ONES > 0
     values = drawn_loops(draw, n) | {"noise_std": draw.choice(NOISE, n)}
-    return Drawn({"backlash": np.where(worn, draw.choice(GAPS, n), 0.0), **values}, loguniform(draw, *STEPS, n))
+    about = np.where(worn, draw.choice(GAPS, n), 0.0)
+    gap = about * draw.uniform(1.0 - ABOUT, 1.0 + ABOUT, n)
+    return Drawn({"backlash": gap, **values}, about, loguniform(draw, *STEPS, n))
 
 
 def reading(command: np.ndarray, T: np.ndarray, T_set: np.ndarray, stroke_time: float) -> tuple[float, ...]:
@@ -158,7 +164,13 @@ def measured(move: str, seed: int, n: int = VALVES) -> xr.Dataset:
     spread = np.full((len(NAMES), n, DAYS), np.nan)
     spread[:, at, at % DAYS] = values.T
     ds = xr.Dataset({name: (("sample", "day"), each) for name, each in zip(NAMES, spread, strict=True)})
-    known = {"true": of.values["backlash"], "noise": of.values["noise_std"], "step": of.steps, "K": K}
+    known = {
+        "true": of.values["backlash"],
+        "about": of.about,
+        "noise": of.values["noise_std"],
+        "step": of.steps,
+        "K": K,
+    }
     return ds.assign({name: ("sample", each) for name, each in known.items()})
 
 
@@ -225,7 +237,7 @@ def collapse(ds: xr.Dataset) -> Iterator[list[str]]:
     """Share that is claimed by step over gap times gain, for each gap, and for each noise."""
     for low, high in pairwise((0.0, 0.2, 0.5, 1.0, np.inf)):
         inside = worn(ds) & (ratio(ds) >= low) & (ratio(ds) < high)
-        parts = [*(ds.true == gap for gap in GAPS), *(ds.noise == noise for noise in NOISE)]
+        parts = [*(ds.about == gap for gap in GAPS), *(ds.noise == noise for noise in NOISE)]
         words = f"above {low:g}" if np.isinf(high) else f"{low:g} to {high:g}"
         yield [words, *(share(ds.claimed > 0.0, inside & part) for part in parts)]
 
@@ -236,45 +248,57 @@ def by_move(found: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
         good = ds.rmse.notnull() & (ds.true == 0.0)
         accused = good & (ds.claimed > 0.0) & (ds.found > GOOD + 1e-9)
         for gap in GAPS:
-            yield [move, f"{gap:.0%}", *shares(ds, worn(ds) & (ds.true == gap)),
+            yield [move, f"{gap:.0%}", *shares(ds, worn(ds) & (ds.about == gap)),
                    f"{int(accused.sum())} of {int(good.sum())}", f"{float(ds.rmse.median()):.2f}"]  # fmt: skip
+
+
+OF_ONE_TURN = 0.06
+"""K: about the bound of one turn, times the gain."""
+
+
+def together(found: Mapping[str, xr.Dataset]) -> xr.Dataset:
+    """All loops, whatever moved their set-point."""
+    return xr.concat(list(found.values()), "sample")
 
 
 def by_turns(found: Mapping[str, xr.Dataset]) -> Iterator[list[str]]:
     """Rows by turns of the stem, whatever made it turn; last the bound times the gain, in theory as 1 / √turns."""
-    ds = xr.concat(list(found.values()), "sample")
+    ds = together(found)
     for low, high in pairwise(TURNS):
         inside = worn(ds) & (ds.turns >= low) & (ds.turns < high)
         words = f"{low} or more" if np.isinf(high) else f"{low} to {high - 1}" if high - low > 1 else f"{low}"
         scaled = (ds.bound * ds.K).where(inside)
-        yield [words, *shares(ds, inside), f"{1000 * float(scaled.median()):.2g}",
-               f"{1000 * float((scaled * np.sqrt(ds.turns)).median()):.2g}"]  # fmt: skip
+        claimed = inside & (ds.claimed > 0.0)
+        error, least = (float(np.sqrt((size**2).where(claimed).mean())) for size in (ds.found - ds.true, ds.bound))
+        yield [words, *shares(ds, inside), f"{1000 * float(scaled.median()):.0f}",
+               f"{1000 * float((scaled * np.sqrt(ds.turns)).median()):.0f}" if high > 1 else "—",
+               f"{error / least:.1f}" if bool(claimed.any()) else "—"]  # fmt: skip
 
 
 @apply_style()
 def draw(found: Mapping[str, xr.Dataset]) -> None:
-    """Draw share right over step / (X K), and the error of the reading over the bound."""
+    """Draw the share claimed over step / (X K), and the bound over the turns of the stem."""
     figure, (left, other) = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
     ds = found["steps"]
     edges = np.geomspace(0.03, 10.0, 11)
     middle = np.sqrt(edges[1:] * edges[:-1])
     for gap in GAPS:
-        at = [worn(ds) & (ds.true == gap) & (ratio(ds) >= low) & (ratio(ds) < high) for low, high in pairwise(edges)]
+        at = [worn(ds) & (ds.about == gap) & (ratio(ds) >= low) & (ratio(ds) < high) for low, high in pairwise(edges)]
         values = [100 * float((ds.claimed > 0.0).where(one).mean()) if int(one.sum()) > 9 else np.nan for one in at]
         left.plot(middle, values, marker="o", label=f"X = {gap:.0%}")
     left.set(xscale="log", xlabel="step / (X K)", ylabel="claimed [%]", ylim=(0, 100))
     left.legend(loc="upper left")
-    error = abs(ds.found - ds.true)
+    ds = together(found)
     for noise in NOISE:
-        at = worn(ds) & (ds.noise == noise) & (ds.claimed > 0.0)
-        other.plot(100 * ds.bound.where(at).values.ravel(), 100 * error.where(at).values.ravel(), ".", ms=4,
-                   label=f"noise {noise:g} K")  # fmt: skip
-    line = np.geomspace(0.01, 3.0, 50)
-    other.plot(line, line, color="0.4", lw=1.0)
-    other.annotate("the bound", (0.6, 0.45), fontsize=8, color="0.3")
-    other.set(xscale="log", yscale="log", xlabel="bound, standard deviation [% of stroke]",
-              ylabel="error of a claim [% of stroke]")  # fmt: skip
-    other.legend(loc="lower right")
+        at = worn(ds) & (ds.noise == noise) & (ds.turns > 0.0)
+        other.plot(ds.turns.where(at).values.ravel(), 1000 * (ds.bound * ds.K).where(at).values.ravel(), ".", ms=3,
+                   alpha=0.6, mew=0, label=f"noise {noise:g} K")  # fmt: skip
+    turns = np.geomspace(1.0, 200.0, 50)
+    other.plot(turns, 1000 * OF_ONE_TURN / np.sqrt(turns), color="0.2", lw=1.2, label="60 mK / √turns")
+    other.set(
+        xscale="log", yscale="log", xlabel="turns of the stem in the day", ylabel="bound × K [mK]", ylim=(1, 1000)
+    )
+    other.legend(loc="lower left", markerscale=3)
     save_figure(figure, "least_movement/least_movement.png")
 
 
@@ -293,5 +317,6 @@ def main(n: int = VALVES) -> None:
     write_table("least_movement/least_movement_ways", f"Ways in which set-points move: {of}",
                 ["set-point", "gap", *HEAD, "good valves accused", "RMSE, median, K"], by_move(found))  # fmt: skip
     write_table("least_movement/least_movement_turns", f"The same by turns of the stem, all ways together: {of}",
-                ["turns", *HEAD, "bound × K, median, mK", "the same × √turns"], by_turns(found))  # fmt: skip
+                ["turns", *HEAD, "bound × K, median, mK", "the same × √turns",
+                 "rms error of claims / rms bound"], by_turns(found))  # fmt: skip
     draw(found)
