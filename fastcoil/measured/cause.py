@@ -11,7 +11,9 @@ from fastcoil.measured.measures import SMOOTH, Measures, Swing, running_mean
 
 NONE, BACKLASH, TUNING, DISTURBANCE, UNKNOWN = "none", "backlash", "tuning", "disturbance", "unknown"
 FULL_SWING = 0.6
-"""Swing of the command that no gap makes, fraction of stroke: the loop is unstable, the ends of the valve hold it."""
+WHOLE_STROKE = 0.95
+"""Swing of the command that no gap makes, fraction of stroke: the loop is unstable, the ends of the valve hold it.
+Where a test has measured the gap, only a swing from end to end is."""
 ALIKE, LEAST_SIZE = 1.6, 0.5
 """A model swings as the log does if the periods differ by less than this factor, and if its swing has at least this
 share of the logged one."""
@@ -46,33 +48,45 @@ class Cause(NamedTuple):
     because: str
 
 
+class Known(NamedTuple):
+    """What else is known of a loop.
+
+    identified: whether log or test resolves the backlash; if neither does, the model has to be clear.  measured:
+    whether it was a test, to which the plant was fitted as well.  own: whether the swing is known to be the loop's own.
+    """
+
+    identified: bool
+    measured: bool = False
+    own: bool = False
+
+
 def dies(measures: Measures, held_swing: float, held_for: float) -> bool:
     """Whether a swing dies while the command is held for ``held_for`` s, and is the loop's own."""
     swing = measures.swing
     return held_swing <= REMAINS * swing.peak_to_peak and held_for >= DIES * swing.period
 
 
-def cause_of(measures: Measures, fitted: FittedLoop | str, *, identified: bool, own: bool = False) -> Cause:
+def cause_of(measures: Measures, fitted: FittedLoop | str, known: Known) -> Cause:
     """Judge why a loop swings.
 
     The fitted loop is simulated on the day of the log with all fast disturbances taken away, with its gap and without.
-    What still swings then is a limit cycle of the loop.
+    What still swings then is a limit cycle of the loop.  Noise is taken away as well where no test has measured the
+    gap: what a log calls noise may be more.
 
     measures: what the log shows.  fitted: the loop as a model, or why there is none; one that does not repeat its log
-    to the letter may do.  identified: whether the log resolves the backlash; if it does not, the model has to be clear.
-    own: whether the swing is known to be the loop's own.
+    to the letter may do.
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:
         return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
-    if stroke > FULL_SWING:
+    if stroke > (WHOLE_STROKE if known.measured else FULL_SWING):
         share = f"{100 * stroke:.0f} %"
         return Cause(TUNING, f"the command swings over {share} of the stroke, more than a gap makes it")
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := too_little(fitted):
         return Cause(UNKNOWN, sentence)
-    return _of_model(fitted, measures, identified, own)
+    return _of_model(fitted, measures, known)
 
 
 def after_hold(cause: Cause, measures: Measures, held_swing: float, held_for: float) -> Cause:
@@ -91,9 +105,9 @@ def after_hold(cause: Cause, measures: Measures, held_swing: float, held_for: fl
     return cause
 
 
-def _of_model(fitted: FittedLoop, measures: Measures, identified: bool, own: bool) -> Cause:
+def _of_model(fitted: FittedLoop, measures: Measures, known: Known) -> Cause:
     swing = measures.swing
-    quiet = by_itself(fitted, swing)
+    quiet = by_itself(fitted, swing, noise=known.measured)
     # with how many gains the loop swings by itself as the log does
     with_gap, without = (
         sum(_swings_alike(quiet.played(gap, gain), swing) for gain in GAINS) for gap in (fitted.backlash, 0.0)
@@ -101,7 +115,7 @@ def _of_model(fitted: FittedLoop, measures: Measures, identified: bool, own: boo
     if without >= _MOST:
         return Cause(TUNING, "the loop would hunt with a perfect valve, too")
     if with_gap >= _MOST and without == 0:
-        return _of_gap(fitted, quiet, measures, identified, own)
+        return _of_gap(fitted, quiet, measures, known)
     if with_gap == 0 and not quiet.played(fitted.backlash, FAR_FROM_HUNTING).hunts:
         return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
     return Cause(
@@ -109,21 +123,22 @@ def _of_model(fitted: FittedLoop, measures: Measures, identified: bool, own: boo
     )
 
 
-def by_itself(fitted: FittedLoop, swing: Swing) -> FittedLoop:
-    """The loop on its day without noise, and without any disturbance as fast as the swing."""
+def by_itself(fitted: FittedLoop, swing: Swing, *, noise: bool = False) -> FittedLoop:
+    """The loop on its day without any disturbance as fast as the swing, and without noise unless it is asked for."""
     day, step = fitted.day, fitted.plant.step
     everywhere = np.ones(day.disturbance.size, dtype=bool)
     slow = running_mean(day.disturbance, everywhere, max(3, round(2.0 * swing.period / step)))
     started = np.arange(day.T_set.size) * step >= _KICKED
     kick = np.where(started, 0.0, max(swing.peak_to_peak, _LEAST_KICK))
-    return fitted._replace(day=day._replace(disturbance=slow, noise=np.zeros_like(day.noise), T_set=day.T_set + kick))
+    seen = day.noise if noise else np.zeros_like(day.noise)
+    return fitted._replace(day=day._replace(disturbance=slow, noise=seen, T_set=day.T_set + kick))
 
 
-def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, identified: bool, own: bool) -> Cause:
+def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, known: Known) -> Cause:
     """The cause where the model hunts with its gap and not without."""
-    if because := _more_than_the_gap(fitted, quiet, measures, own):
+    if because := _more_than_the_gap(fitted, quiet, measures, known):
         return Cause(UNKNOWN, f"the loop would hunt with its gap and not without, but {because}")
-    if identified or own:
+    if known.identified or known.own:
         return Cause(BACKLASH, "the loop would not hunt without it")
     because = f"it would hunt with a gap of {100 * fitted.backlash:.2g} % and not without"
     if _is_clear(quiet, measures.swing):
@@ -131,12 +146,12 @@ def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, identifie
     return Cause(UNKNOWN, f"{because}, but the gap is not identified")
 
 
-def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, own: bool) -> str:
+def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, known: Known) -> str:
     """What speaks for another cause of a swing that the gap alone would make, too, or nothing."""
     swing, plant = measures.swing, fitted.plant
-    if measures.command_swing > _TIMES_GAP * fitted.backlash:
+    if measures.command_swing > _TIMES_GAP * fitted.backlash and not known.measured:
         return f"the command swings over {measures.command_swing / fitted.backlash:.0f} times the gap"
-    if own:
+    if known.own:
         return ""
     if plant.explained < _WELL_EXPLAINED and 2.0 * quiet.played(quiet.backlash).amplitude < swing.peak_to_peak:
         return "by less than the log: something outside seems to add to the swing"

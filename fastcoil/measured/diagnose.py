@@ -12,7 +12,7 @@ from fastcoil.logs import Log, read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.measured.agreement import require_agreement
-from fastcoil.measured.cause import after_hold, cause_of, dies, predictions_of
+from fastcoil.measured.cause import Known, after_hold, cause_of, dies, predictions_of
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
@@ -123,7 +123,7 @@ def diagnose(
         gains,
     )  # fmt: skip
     own = test is not None and dies(measures, test.held_swing, test.held_for)
-    cause = cause_of(measures, loop, identified=found.identified, own=own)
+    cause = cause_of(measures, loop, Known(found.identified, own=own))
     if test is not None:
         cause = after_hold(cause, measures, test.held_swing, test.held_for)
     doubt = loop if isinstance(loop, str) else loop.doubt

@@ -243,13 +243,15 @@ class FittedLoop(NamedTuple):
 def fit_loop_model(
     command: Array, temperature: Array, T_set: Array | None, interval: float, backlash: float, stroke_time: float,
     sample_time: float | None = None, enabled: Mask | None = None, gains: tuple[float, float] | None = None,
+    by_hand: Mask | None = None,
 ) -> FittedLoop | str:  # fmt: skip
     """Fit controller and plant to a trend log; one sentence if that cannot be done.
 
     command, temperature, T_set: (n,), fraction of stroke, °C, °C; NaN where missing.  interval: s.  backlash,
     stroke_time: of valve (fraction of stroke) and motor (s, 0 if it is as good as immediate).  sample_time: of the
     controller, s; found from the log if None.  enabled: whether the plant was on; all of it if None.  gains: kp, 1/K
-    and above 0, and ti, s, of the controller; found from the log if None.
+    and above 0, and ti, s, of the controller; found from the log if None.  by_hand: where a test, not the controller,
+    moved the valve: it tells of the plant only.
     """
     if T_set is None:
         return "the log has no set-point (T_set)"
@@ -259,16 +261,17 @@ def fit_loop_model(
     command, temperature, T_set = (np.asarray(series, float)[last] for series in (command, temperature, T_set))
     good = np.isfinite(command) & np.isfinite(temperature) & np.isfinite(T_set)
     good = good if enabled is None else good & np.asarray(enabled, bool)[last]
+    controlled = good if by_hand is None else good & ~by_hand[last]
     if not good.any():
         return "no sample has command, temperature and set-point with the plant on"
     command, temperature, T_set = (held(series) for series in (command, temperature, T_set))
-    pi = recover_pi(command, temperature, T_set, interval, good, sample_time, gains)
+    pi = recover_pi(command, temperature, T_set, interval, controlled, sample_time, gains)
     if isinstance(pi, str):
         return pi
     plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, pi)
     if plant is None:
         return "no plant that answers the valve explains the log: the temperature hardly follows the command"
-    day = _day_of(plant, command, T_set, good, _period(temperature, T_set, good, interval))
+    day = _day_of(plant, command, T_set, controlled, _period(temperature, T_set, controlled, interval))
     fitted = FittedLoop(pi, plant, day, backlash, stroke_time)
     return fitted._replace(doubt=too_little(fitted) or _doubt(fitted, command, temperature, T_set))
 

@@ -14,7 +14,7 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted, checked_reading, log_of
-from fastcoil.measured.cause import UNKNOWN, Cause, after_hold, cause_of, dies
+from fastcoil.measured.cause import UNKNOWN, Cause, Known, after_hold, cause_of, dies
 from fastcoil.measured.diagnose import as_measured, identified, seconds_of
 from fastcoil.measured.diagnosis import profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
@@ -102,7 +102,7 @@ def read_test(
             "as if it were: log both by one clock"
         )
     swing, held_for = _held(grid, command, first, last)
-    cause = _cause(grid, stroke_time, first, found, (swing, held_for))
+    cause = _cause(grid, stroke_time, first, last, found, (swing, held_for))
     return ValveReading(
         source=data.name, backlash=found.backlash, interval=(found.low, found.high), identified=found.identified,
         reason=found.reason, gain=answer.gain, lag=answer.lag, dead_time=answer.dead_time,
@@ -194,20 +194,27 @@ def _held(grid: Grid, command: Array, first: int, last: int) -> tuple[float, flo
     return (float(np.ptp(smooth)) if smooth.size > 1 else math.nan), seconds
 
 
-def _cause(grid: Grid, stroke_time: float, first: int, found: Identification, held: tuple[float, float]) -> Cause:
-    """Why the loop swung before the test."""
-    values = {name: series[:first] for name, series in grid.values.items()}
+def _cause(
+    grid: Grid, stroke_time: float, first: int, last: int, found: Identification, held: tuple[float, float]
+) -> Cause:
+    """Why the loop swung before the test: the plant is fitted to both, the controller to the time before."""
+    values = {name: series[:last] for name, series in grid.values.items()}
     if "T_set" not in values or first * grid.interval < LEAST_BEFORE:
         return Cause(UNKNOWN, "log T_set, and an hour or more of normal operation before the test")
-    before = Grid(grid.interval, grid.time[:first], values, grid.on[:first], grid.increment)
-    of_log, measures = identified(before, stroke_time)
-    found = found if found.identified else of_log
+    before = {name: series[:first] for name, series in values.items()}
+    of_log, measures = identified(
+        Grid(grid.interval, grid.time[:first], before, grid.on[:first], grid.increment), stroke_time
+    )
+    by_test = found.identified
+    agrees = of_log.identified and found.low <= of_log.backlash <= found.high
+    found = of_log if agrees and not by_test else found
     gap = found.backlash if np.isfinite(found.backlash) else 0.0
     fitted = fit_loop_model(
-        values["command"], values["T_sup"], values["T_set"], grid.interval, gap, stroke_time, None, before.on, None
-    )
-    own = dies(measures, *held)
-    return after_hold(cause_of(measures, fitted, identified=found.identified, own=own), measures, *held)
+        values["command"], values["T_sup"], values["T_set"], grid.interval, gap, stroke_time,
+        enabled=grid.on[:last], by_hand=np.arange(last) >= first,
+    )  # fmt: skip
+    known = Known(found.identified, by_test, dies(measures, *held))
+    return after_hold(cause_of(measures, fitted, known), measures, *held)
 
 
 def _signals(grid: Grid, command: Array, answer: Response, first: int, last: int, window: slice) -> xr.Dataset:

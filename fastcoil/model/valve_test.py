@@ -133,6 +133,8 @@ def step(e, command, enabled, p, memory):
     aborted = SWING if settled and highest - lowest > CALM else NO
     # turning there is enough where the temperature has come back
     aborted = END_OF_STROKE if m.phase == RAMP and at_end and m.direction * e > 0.0 else aborted
+    no_room = (e < 0.0 and command <= 0.0) or (e > 0.0 and command >= 1.0)
+    aborted = END_OF_STROKE if elapsed <= 0.0 and no_room else aborted
     limit = p.test_excursion * (AT_FIRST if m.ramps == 0.0 else 1.0)
     aborted = EXCURSION if abs(e) > limit else aborted
     over = elapsed >= 60.0 * p.test_minutes

@@ -14,7 +14,7 @@ from studies.common import write_table
 from studies.days import CONSTANT, DESIGN
 from studies.diagnosis.cause import ANSWERS, CAUSES, SWINGING, logs, of_logs
 
-SEED, VALVES, DAY = 9649, 256, 96491
+SEED, VALVES, DAY = 9651, 256, 96511
 KINDS = (CONSTANT, DESIGN, SWINGING)
 TEST = fc.ValveTest(start=4 * 3600, minutes=45, settle=900)
 BEFORE = TEST.start / 3600

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.loop_logs import loop_log
 
-from fastcoil.measured.cause import by_itself, cause_of
+from fastcoil.measured.cause import Known, by_itself, cause_of
 from fastcoil.measured.diagnose import _doubted
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, fit_loop_model
 from fastcoil.measured.grid import Grid
@@ -43,8 +43,11 @@ def test_only_what_is_settled_counts_for_the_swing(restless):
 
 
 def test_a_command_that_swings_from_end_to_end_needs_no_model_to_blame_the_tuning(restless, forced):
-    assert cause_of(restless[1], "no model", identified=False).name == "tuning"
-    assert cause_of(forced[1], "no model", identified=False).name == "unknown"
+    assert cause_of(restless[1], "no model", Known(False)).name == "tuning"
+    wide = restless[1]._replace(command_swing=0.9)
+    assert cause_of(wide, "no model", Known(True)).name == "tuning"
+    assert cause_of(wide, "no model", Known(True, measured=True)).name == "unknown"
+    assert cause_of(forced[1], "no model", Known(False)).name == "unknown"
 
 
 def test_no_size_is_claimed_where_the_command_swings_over_most_of_the_stroke(restless, forced):
@@ -70,6 +73,7 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
     middle = slice(shaken.size // 4, -shaken.size // 4)
     assert np.abs(quiet.disturbance - day.disturbance)[middle].max() < 0.3
     assert not quiet.noise.any()
+    np.testing.assert_array_equal(by_itself(noisy, measures.swing, noise=True).day.noise, day.noise + 0.1)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +98,7 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         return Outcome(1.0, 0.5 * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
     monkeypatch.setattr(FittedLoop, "played", played)
-    said = cause_of(measures, loop, identified=True)
+    said = cause_of(measures, loop, Known(True))
     assert said.name == cause
     assert says in said.because
 
@@ -115,6 +119,7 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         ({"outside": 2.2, "identified": True}, "unknown", "hide its swing"),
         ({"outside": 2.2, "own": True}, "backlash", "the loop would not hunt without it"),
         ({"share": 0.1, "own": True}, "unknown", "the command swings over 10 times the gap"),
+        ({"share": 0.1, "identified": True, "measured": True}, "backlash", "the loop would not hunt without it"),
     ],
 )
 def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
@@ -140,8 +145,9 @@ def test_a_gap_is_blamed_where_the_model_is_clear_and_nothing_speaks_for_more(
         return Outcome(1.0, 0.5 * one["size"] * swing.peak_to_peak, swing.period, 1.0, 1.0, hunts)
 
     monkeypatch.setattr(FittedLoop, "played", played)
-    monkeypatch.setattr("fastcoil.measured.cause.FULL_SWING", 2.0)
-    said = cause_of(measures, loop, identified=one.get("identified", False), own=one.get("own", False))
+    for name in ("FULL_SWING", "WHOLE_STROKE"):
+        monkeypatch.setattr(f"fastcoil.measured.cause.{name}", 2.0)
+    said = cause_of(measures, loop, Known(*(one.get(name, False) for name in Known._fields)))
     assert said.name == cause
     assert says in said.because
 
@@ -150,7 +156,7 @@ def test_a_model_that_explains_nearly_nothing_gives_no_cause(forced):
     grid, measures = forced
     values = grid.values
     loop = fit_loop_model(values["command"], values["T_sup"], values["T_set"], 10.0, 0.02, 90.0, 15.0, grid.on)
-    said = cause_of(measures, loop._replace(plant=loop.plant._replace(explained=0.04)), identified=True)
+    said = cause_of(measures, loop._replace(plant=loop.plant._replace(explained=0.04)), Known(True))
     assert said.name == "unknown"
     assert "4 %" in said.because
 
@@ -163,7 +169,7 @@ def seen(amplitude, noise, *, T_set=True, pieces=False):
     values = {"command": 0.5 + 0.02 * swing, "T_sup": T} | ({"T_set": np.full(n, 14.0)} if T_set else {})
     on = np.arange(n) % 40 > 0 if pieces else np.ones(n, bool)
     measures = measures_of(Grid(10.0, 10.0 * np.arange(n), values, on, 0.0), 90.0)
-    return cause_of(measures, "no model", identified=False), measures.swing
+    return cause_of(measures, "no model", Known(False)), measures.swing
 
 
 def test_a_wide_swing_that_is_not_even_enough_is_not_called_calm():

@@ -19,8 +19,12 @@ from fastcoil.measured.fitted_plant import recover_pi
 INTERVAL, STROKE = 15.0, 90.0
 
 
-def day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0, estimate=0.0, seed=3, swing=1.5):
-    """A loop second by second, written here on its own: PI, inverse, motor, play, two lags, a drifting load."""
+def day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0, estimate=0.0, seed=3, swing=1.5,
+        by_hand_from=math.inf):  # fmt: skip
+    """A loop second by second, written here on its own: PI, inverse, motor, play, two lags, a drifting load.
+
+    by_hand_from: s, from which on a triangle of ten minutes moves the valve in place of the controller.
+    """
     draw = np.random.default_rng(seed)
     n = hours * 3600
     set_points = np.repeat(14.5 + draw.uniform(-swing, swing, hours * 2), 1800)
@@ -42,6 +46,8 @@ def day(hours=4, backlash=0.08, kp=0.03, ti=80.0, every=15, noise=0.01, sign=1.0
                 u_ext = u
                 command = min(max((1.0 - estimate) * u + estimate * (mode > 0.0), 0.0), 1.0)
             command = u if estimate == 0.0 else command
+        if t >= by_hand_from:
+            command = 0.5 + 0.1 * (abs((t - by_hand_from) % 600 / 150 - 2.0) - 1.0)
         temperatures.append(y)
         commands.append(command)
         errors.append(T + load[t] - set_points[t])
@@ -130,6 +136,20 @@ def test_missing_samples_and_a_plant_that_is_off_are_left_out(logged, fitted):
     found = fit_loop_model(command, T, T_set, INTERVAL, 0.08, STROKE, enabled=enabled)
     assert found.pi.kp == pytest.approx(fitted.pi.kp, rel=0.05)
     assert what_if(found).rmse == pytest.approx(what_if(fitted).rmse, rel=0.2)
+
+
+def test_where_the_valve_is_moved_by_hand_the_log_tells_of_the_plant_only():
+    first = round(3 * 3600 / INTERVAL)
+    (command, T, T_set), *_ = day(swing=0.0, backlash=0.0, by_hand_from=3 * 3600)
+    before = fit_loop_model(command[:first], T[:first], T_set[:first], INTERVAL, 0.0, STROKE)
+    found = fit_loop_model(command, T, T_set, INTERVAL, 0.0, STROKE, by_hand=np.arange(T.size) >= first)
+    assert found.pi == before.pi
+    assert found.plant.gain == pytest.approx(-18.0, rel=0.1)
+    assert abs(found.plant.gain + 18.0) < abs(before.plant.gain + 18.0)
+    by_hand = np.arange(found.day.works.size) >= first * found.plant.per_sample
+    assert not found.day.works[by_hand].any()
+    assert found.day.works[~by_hand][: -found.plant.per_sample].all()
+    assert isinstance(fit_loop_model(command[first:], T[first:], T_set[first:], INTERVAL, 0.0, STROKE), str)
 
 
 def test_a_command_that_is_not_the_pi_s_is_refused(logged):

@@ -85,6 +85,13 @@ def test_a_test_is_aborted(reason):
     assert run(*ENDS[reason])[-1] == reason
 
 
+@pytest.mark.parametrize(("command", "error"), [(0.0, -0.1), (1.0, 0.1)])
+def test_a_test_does_not_begin_where_the_valve_has_no_room(command, error):
+    assert run([error] * 60, command)[0] == []
+    assert run([error] * 60, command)[-1] == "end_of_stroke"
+    assert run([-error] * 60, command)[-1] == "no more errors"
+
+
 def test_an_end_of_the_stroke_that_brings_the_temperature_back_turns_the_ramp():
     commands, _, why = run([*CALM, *[0.2] * 5, *[-0.1] * 60], command=0.98)
     assert why == "no more errors"

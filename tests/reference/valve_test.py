@@ -28,6 +28,8 @@ def valve_test(errors, command, sample_time, *, minutes, rate, threshold, settle
         waited = []
         while True:
             e = look()
+            if not waited and ((command == 0.0 and e < 0) or (command == 1.0 and e > 0)):
+                raise Ended("end_of_stroke")
             waited.append(e)
             if (len(waited) - 1) * sample_time >= settle:
                 break
