@@ -10,6 +10,7 @@ from studies.inverse import conditions, population
 from studies.learning import learning
 from studies.paper import paper
 from studies.robustness import robustness as answers
+from studies.valve_test import optimised
 
 pytestmark = pytest.mark.kernel
 
@@ -85,3 +86,20 @@ def test_conditions_write_what_a_simulation_of_its_own_gives(written, monkeypatc
     head, *table = written("conditions_heating")[1]
     (row,) = (row for row in table if row[0] == "7%")
     assert row[head.index("95 %, buffer 1 %")] == f"{float(alone.rmse_settled.mean('day')):.3f}"
+
+
+def test_of_the_relays_that_keep_within_the_limit_those_that_tell_most_are_kept(monkeypatch):
+    """Made-up bounds: one relay tells most and goes too far, one is aborted nearly always."""
+    asked = []
+
+    def tried(test):
+        asked.append(test)
+        k = len(asked)
+        return optimised.Tried(test, math.inf if k == 2 else 0.01 * k, 1.6 if k == 1 else 1.4)
+
+    monkeypatch.setattr(optimised, "tried", tried)
+    assert optimised.optimised() == asked[2:5]
+    assert len(asked) == optimised.TRIED
+    for name, (least, most) in (("rate", optimised.RATES), ("threshold", optimised.THRESHOLDS)):
+        drawn = [getattr(test, name) for test in asked]
+        assert least <= min(drawn) < 2 * least < most / 2 < max(drawn) <= most
