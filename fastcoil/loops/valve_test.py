@@ -17,7 +17,8 @@ _EACH = 30.0  # seconds between two commands of a technician
 class ValveTest:
     """A valve test: the command takes over from the PI, goes up and down past the gap, and hands back without a bump.
 
-    The command holds for ``settle`` s, then moves at ``rate`` in the direction that brings the temperature back to the
+    A test does not begin where the valve is at an end of its stroke and the temperature asks for more.  Else the
+    command holds for ``settle`` s, then moves at ``rate`` in the direction that brings the temperature back to the
     set-point of the start.  Once the temperature has passed it by ``threshold``, the command holds for ``hold`` s,
     turns, and moves the other way; each next ramp has the rate at which the temperature runs on by 0.5 K, or by
     a third of ``excursion`` if that is less.  A loop may have the same as parameters, ``test_start`` and so on, with

@@ -192,6 +192,8 @@ USUAL_STROKE_TIME = 90.0  # s, where it is not given
 LOST = 0.1
 """Share of itself by which a gap may be larger than is shown by a log whose samples miss turns of the valve."""
 LEAST_TURN = 0.005
+LEAST_TURNS = 3
+"""Turns by more than the gap below which no size is claimed: those of the study ``least_movement`` were all wrong."""
 MOST_ARRIVALS, SWING = (10, 0.2), 0.05
 """Of the command at its ends: that many, and that share of its turns by more than ``SWING``."""
 LONGEST_INTERVAL = 60.0
@@ -232,6 +234,7 @@ class Shown(NamedTuple):
     late: float = 0.0
     lost: float = 0.0  # share of the gap that turns between the samples may hide
     is_jumpy: bool = False  # whether the command jumps to and fro, and so few days claim nothing
+    positions: Array = np.zeros(1)  # of the motor, fractions of stroke
 
 
 def identify_backlash(*log: Any, **known: Any) -> Identification:
@@ -264,6 +267,10 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
     found = judged(probability, provoked, doubt)
     if found.identified and many and not provoked and _agreement(of_days, found.backlash) < LEAST_AGREEMENT:
         found = judged(probability, provoked, "the days show different gaps: change the set-point up and down on one")
+    turned = sum(turns(day.positions, max(found.low, LEAST_TURN)) for day in compared)
+    if found.identified and turned < LEAST_TURNS:
+        few = f"the valve turned {turned} times by more than such a gap, and {LEAST_TURNS} are needed: "
+        found = judged(probability, provoked, f"{few}change the set-point up and down, or log longer")
     high = min(found.high + max(day.lost for day in compared) * found.backlash, float(CANDIDATES[-1]))
     return found._replace(high=high, late=_most_frequent([day.late for day in compared]))
 
@@ -359,7 +366,8 @@ def shown_by(
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
         doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
     lost = LOST if unseen and interval > HORIZON else 0.0
-    return Shown(found, provoked, doubt, counts, samples * interval, lost, jumpy and not (provoked and in_step))
+    return Shown(found, provoked, doubt, counts, samples * interval, lost, jumpy and not (provoked and in_step),
+                 positions)  # fmt: skip
 
 
 def _misplaced(

@@ -114,9 +114,14 @@ def test_a_stuck_stem_under_a_command_that_follows_the_temperature_is_not_called
         assert not identify_backlash(command, T, INTERVAL).identified
 
 
+def shown(*day, **more):
+    """A day on which the valve turned often."""
+    return Shown(*day, **{"positions": np.tile([0.2, 0.8], 8)} | more)
+
+
 def judged(likelihood, reaction=None, provoked=True, doubt="", counts=1.0):
     reaction = likelihood if reaction is None else reaction
-    return backlash_of([Shown([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)])
+    return backlash_of([shown([Likelihood(likelihood, reaction, 900)], provoked, doubt, counts)])
 
 
 def peak(size, width=0.001):
@@ -161,8 +166,8 @@ def test_doubt_the_largest_size_and_what_counts_for_less_are_not_claimed():
 
 def test_readings_of_columns_that_do_not_agree_are_not_claimed():
     one, other = (Likelihood(peak(size), peak(size), 900) for size in (0.03, 0.1))
-    assert not backlash_of([Shown([one, other], provoked=True)]).identified
-    assert backlash_of([Shown([one, one], provoked=True)]).identified
+    assert not backlash_of([shown([one, other], provoked=True)]).identified
+    assert backlash_of([shown([one, one], provoked=True)]).identified
 
 
 def controlled(backlash, samples=0, every=1):
@@ -265,23 +270,34 @@ def test_a_missing_command_is_the_last_before_it():
 
 
 def test_days_of_one_valve_show_together_what_none_of_them_shows_alone():
-    days = [Shown([Likelihood(peak(0.08, 0.02 + 0.001 * k), peak(0.08), 900)], provoked=True) for k in range(8)]
+    days = [shown([Likelihood(peak(0.08, 0.02 + 0.001 * k), peak(0.08), 900)], provoked=True) for k in range(8)]
     assert not any(backlash_of([day]).identified for day in days)
     found = backlash_of(days)
     assert found.identified
     assert found.backlash == pytest.approx(0.08)
 
 
+def test_a_gap_is_claimed_from_three_turns_beyond_it_on_all_days_together():
+    """Two turns a day, of 9 % of the stroke, and gaps below and above that."""
+    for gap, days, turned in ((0.05, 1, 2), (0.05, 2, 4), (0.12, 3, 0)):
+        likely = Likelihood(peak(gap, 0.004), peak(gap, 0.004), 900)
+        found = backlash_of([shown([likely], True, positions=np.array([0.4, 0.49, 0.4, 0.49]))] * days)
+        assert found.identified == (turned > 2)
+        if not found.identified:
+            assert found.reason.startswith(f"the valve turned {turned} times by more than such a gap")
+            assert (found.low, found.high) == (0.0, CANDIDATES[-1])
+
+
 def test_a_day_with_a_doubt_does_not_count_beside_others():
-    doubted = Shown([Likelihood(peak(0.2), peak(0.2), 900)], provoked=True, doubt="because", late=30.0)
-    sound = Shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True)
+    doubted = shown([Likelihood(peak(0.2), peak(0.2), 900)], provoked=True, doubt="because", late=30.0)
+    sound = shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True)
     assert backlash_of([doubted, sound])[:5] == backlash_of([sound])[:5]
     assert backlash_of([doubted, doubted, sound]).reason == "because"
-    assert backlash_of([Shown([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
+    assert backlash_of([shown([], doubt="nothing"), sound]).backlash == pytest.approx(0.05)
 
 
 def test_days_of_a_command_that_jumps_count_where_there_are_four():
-    jumpy = Shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True, is_jumpy=True)
+    jumpy = shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True, is_jumpy=True)
     assert "to and fro" in backlash_of(3 * [jumpy]).reason
     assert backlash_of(4 * [jumpy]).backlash == pytest.approx(0.05)
     assert backlash_of(4 * [jumpy]).identified
@@ -290,14 +306,14 @@ def test_days_of_a_command_that_jumps_count_where_there_are_four():
 def test_steady_days_acquit_no_valve_that_stepped_days_accuse():
     """A command that only follows the temperature predicts it as well as an opening without a gap."""
     trap = np.where(CANDIDATES <= 0.01, 0.0, -80.0)
-    steady = [Shown([Likelihood(trap, trap, 900)]) for _ in range(8)]
-    stepped = Shown([Likelihood(peak(0.05, 0.01), peak(0.05, 0.01), 900)], provoked=True)
+    steady = [shown([Likelihood(trap, trap, 900)]) for _ in range(8)]
+    stepped = shown([Likelihood(peak(0.05, 0.01), peak(0.05, 0.01), 900)], provoked=True)
     assert backlash_of([stepped, *steady]).backlash == pytest.approx(0.05)
 
 
 def test_steady_days_that_differ_from_each_other_show_no_gap():
     def of(sizes):
-        return backlash_of([Shown([Likelihood(peak(0.0), peak(size), 900)]) for size in sizes])
+        return backlash_of([shown([Likelihood(peak(0.0), peak(size), 900)]) for size in sizes])
 
     assert of([0.06, 0.065, 0.06, 0.055, 0.06, 0.065]).backlash == pytest.approx(0.06, abs=0.0025)
     assert "the days show different gaps" in of([0.06, 0.06, 0.06, 0.12, 0.06, 0.02]).reason
@@ -305,15 +321,15 @@ def test_steady_days_that_differ_from_each_other_show_no_gap():
 
 def test_more_steady_days_than_ten_count_as_ten():
     """What the linear model gets wrong is wrong every day."""
-    ten, thirty = (backlash_of(n * [Shown([Likelihood(peak(0.0), peak(0.06), 900)])]) for n in (10, 30))
+    ten, thirty = (backlash_of(n * [shown([Likelihood(peak(0.0), peak(0.06), 900)])]) for n in (10, 30))
     np.testing.assert_allclose(ten.probability, thirty.probability)
-    assert backlash_of(5 * [Shown([Likelihood(peak(0.0), peak(0.06), 900)])]).probability.max() < ten.probability.max()
+    assert backlash_of(5 * [shown([Likelihood(peak(0.0), peak(0.06), 900)])]).probability.max() < ten.probability.max()
 
 
 def test_steady_days_alone_never_show_a_good_valve():
-    steady = [Shown([Likelihood(peak(0.0), peak(0.0), 900)]) for _ in range(3)]
+    steady = [shown([Likelihood(peak(0.0), peak(0.0), 900)]) for _ in range(3)]
     assert "stuck stem" in backlash_of(steady).reason
-    stepped = Shown([Likelihood(peak(0.0), peak(0.0), 900)], provoked=True)
+    stepped = shown([Likelihood(peak(0.0), peak(0.0), 900)], provoked=True)
     assert backlash_of([*steady, stepped]).identified
 
 
