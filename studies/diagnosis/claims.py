@@ -108,7 +108,7 @@ def claimed(columns: Columns, interval: float, stroke_time: float) -> Identifica
 
 def dataset(columns: dict[str, np.ndarray], interval: float) -> xr.Dataset:
     """A log as a Dataset."""
-    units = {"command": "1", "m_a": "kg/s"}
+    units = {"command": "1", "test": "1", "m_a": "kg/s"}
     series = {n: ("elapsed_time", values, {"units": units.get(n, "degC")}) for n, values in columns.items()}
     time = np.arange(len(columns["command"])) * interval
     return xr.Dataset(series, {"elapsed_time": ("elapsed_time", time, {"units": "s"})})
