@@ -141,6 +141,16 @@ def first_order(columns: Columns, plants: Plants) -> FirstOrder:
     return FirstOrder(lag[which], delay[which])
 
 
+def hunting_index(columns: Columns, plants: Plants, model: FirstOrder) -> Array:
+    """(kp K)^0.7 (T + 2 θ)/ti: how fast the integral is against the plant; K, T and θ are those of a step.
+
+    A fit over loops with a gap, see ``docs/findings/hunting.md``.
+    """
+    kp, ti = (np.asarray(columns[name], float) for name in ("kp", "ti"))
+    gain = np.maximum(kp * driven_gain(columns, plants), 0.0)
+    return np.asarray(gain**0.7 * (model.lag + 2.0 * _dead_time(columns, model)) / ti)
+
+
 def simc(columns: Columns, plants: Plants, model: FirstOrder) -> Gains:
     """Skogestad's SIMC with the closed-loop time constant equal to the dead time θ.
 

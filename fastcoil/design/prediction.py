@@ -10,7 +10,7 @@ import xarray as xr
 from fastcoil.base.arrays import Index
 from fastcoil.design.describing_function import unknown
 from fastcoil.design.limit_cycle import Cycles, cycles_of
-from fastcoil.design.linearise import first_order, simc
+from fastcoil.design.linearise import first_order, hunting_index, simc
 from fastcoil.design.operating_points import PointsOfDay, chunks, mean_conditions
 from fastcoil.design.plants import Columns, Plants, loop_response, plants_of
 from fastcoil.loops.loop import Loop
@@ -91,6 +91,17 @@ def simc_gains(prediction: Prediction) -> tuple[float, float] | None:
     known = np.flatnonzero(np.isfinite(found.kp) & np.isfinite(found.ti))
     k = known[np.argmin(found.kp[known])] if known.size else 0
     return (float(found.kp[k]), float(found.ti[k])) if known.size else None
+
+
+HUNTS_WITHOUT, HUNTS_WITH_NOISE = 5.0, 4.0
+"""Hunting indices from which a loop with a gap may hunt, without noise of its sensor and with it."""
+
+
+def index_of(prediction: Prediction) -> float:
+    """Largest hunting index of the operating points."""
+    plants = prediction.plants.some(prediction.reached)
+    columns = _columns(prediction.loop, prediction.reached.size)
+    return float(np.nanmax(hunting_index(columns, plants, first_order(columns, plants)), initial=0.0))
 
 
 _LONGEST_TI = 3600.0
@@ -195,6 +206,12 @@ def acts_wrong_way(prediction: Prediction) -> bool:
 def left_out(prediction: Prediction) -> tuple[str, ...]:
     """What the margin does not see, a clause each."""
     found, band = [], float(prediction.loop["error_dead_band"])  # type: ignore[arg-type]
+    noise, index = float(prediction.loop["noise_std"]), index_of(prediction)  # type: ignore[arg-type]
+    if noise > 0.0:
+        found.append(
+            f"the noise of {noise:.3g} K: with it a loop may hunt where (kp K)^0.7 (T + 2 θ)/ti is above "
+            f"{HUNTS_WITH_NOISE:g}, without it above {HUNTS_WITHOUT:g}; here it is {index:.2g}"
+        )
     if band > 0.0:
         found.append(f"the error dead band of {band:g} K, which may hold a loop still, or make it hunt")
     n, missed = prediction.points.size, int(np.count_nonzero(~prediction.plants.reachable))

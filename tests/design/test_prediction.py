@@ -9,7 +9,7 @@ from helpers.first_order_plants import first_order_plants, together
 import fastcoil as fc
 from fastcoil.design.limit_cycle import HUNTS_ABOVE, cycles_of
 from fastcoil.design.operating_points import PointsOfDay
-from fastcoil.design.prediction import PARTS, Prediction, cycles_at, phase_shares, shortest_ti
+from fastcoil.design.prediction import PARTS, Prediction, cycles_at, index_of, left_out, phase_shares, shortest_ti
 from fastcoil.loops.scenarios import columns_of
 
 GAIN, LAG = -15.0, 100.0
@@ -63,6 +63,19 @@ def test_the_margins_of_a_sweep_are_those_of_its_loops_point_by_point():
     found = cycles_at(swept, together(*plants), np.array([2, 0])).margin
     expected = [[at_points(loop, plant).margin for plant in (plants[2], plants[0])] for loop in loops]
     assert found == pytest.approx(np.array(expected), rel=1e-4)
+
+
+def test_the_hunting_index_is_that_of_a_step_of_the_command():
+    """(kp K)^0.7 (T + 2 θ)/ti, θ with half of the sample time; of several operating points the largest."""
+    loop = tuned(1.6, 0.3, noise_std=0.02)
+    expected = 1.6**0.7 * (LAG + 2.0 * (20.0 + 0.5)) / (0.3 * LAG)
+    assert index_of(predicted(loop, 20)) == pytest.approx(expected, rel=0.02)
+    slower = first_order_plants(GAIN, LAG, 50.0)
+    assert index_of(at_points(loop, first_order_plants(GAIN, LAG, 20.0), slower)) > 1.2 * expected
+    (clause,) = left_out(predicted(loop, 20))
+    assert clause.startswith("the noise of 0.02 K")
+    assert clause.endswith(f"here it is {index_of(predicted(loop, 20)):.2g}")
+    assert left_out(predicted(tuned(1.6, 0.3, noise_std=0.0), 20)) == ()
 
 
 def test_twice_the_kp_is_twice_the_margin_and_needs_a_longer_ti():
