@@ -232,12 +232,12 @@ def cells(row: Row) -> list[str]:
     return [
         row.name, row.columns, f"{row.hours} h", f"{int((claimed & ~ds.right).sum())} of {int(claimed.sum())}",
         share(ds.right, claimed), f"{int(accused.sum())} of {int(good.sum())}", share(ds.covered), share(claimed),
-        share(ds.right),
+        share(claimed, ~good), share(ds.right),
     ]  # fmt: skip
 
 
 HEAD = ["day", "columns", "length", "wrong claims", "right of what is claimed", "good valves accused",
-        "interval covers", "claimed", "right, claimed or not"]  # fmt: skip
+        "interval covers", "claimed", "claimed of the worn", "right, claimed or not"]  # fmt: skip
 
 
 def measured(

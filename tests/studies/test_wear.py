@@ -9,7 +9,7 @@ import xarray as xr
 
 import fastcoil as fc
 from studies.days import STEPPED
-from studies.wear import detect, wear
+from studies.wear import detect, logs, wear
 from studies.wear import runs as wear_runs
 from studies.wear.runs import Run
 
@@ -129,3 +129,35 @@ def test_the_tables_hold_what_plain_python_finds(runs, noticed, written, tmp_pat
     assert all(row[2].startswith("0 %") and row[4].startswith("100 %") for row in found)
     wear.draw(runs, noticed, noticed)
     assert (tmp_path / "studies" / "wear" / "wear.png").stat().st_size > 10_000
+
+
+def readings(rows, growth):
+    """Intervals of valves, (low, high) a reading, None where none is claimed."""
+    known = [[(0.0, 0.25, False) if one is None else (*one, True) for one in row] for row in rows]
+    values = np.array(known, dtype=float)[:, np.newaxis]
+    low, high, claimed = (
+        xr.DataArray(values[..., k], dims=("sample", "way", "reading")).assign_coords(way=[logs.LOGS]) for k in range(3)
+    )
+    return logs.Readings(low, high, claimed > 0.0, xr.DataArray(growth, dims="sample"))
+
+
+def test_an_alarm_is_the_first_claim_above_the_first_claim():
+    rows = [
+        [(0.02, 0.03), (0.025, 0.035), (0.031, 0.04), (0.05, 0.06), None, None],
+        [None, (0.02, 0.04), None, (0.03, 0.05), None, (0.041, 0.05)],
+        [None] * 6,
+        [(0.05, 0.06), (0.01, 0.02), (0.055, 0.07), None, None, None],
+    ]
+    found = readings(rows, [0.04, 0.02, 0.0, 0.0])
+    assert logs.alarms(found).squeeze().values.tolist() == [2.0, 5.0, math.inf, math.inf]
+    loose = readings(
+        [[(0.02, 0.03)] * 2 + [after] * 4 for after in ((0.04, 0.06), (0.02, 0.03), None, (0.05, 0.06))], [0] * 4
+    )
+    head = dict(zip(logs.HEAD[2:], logs.row({logs.GROWN: found, logs.LOOSE: loose}, logs.LOGS), strict=True))
+    assert head["claims at first"].startswith("50 %")
+    assert head["false alarms, constant gap"].startswith("0 %")
+    assert head["false alarms, no gap"] == "—"
+    assert [head[f"growth by {by} % noticed"][:5] for by in (2, 4)] == ["100 %", "100 %"]
+    assert head["after months, median"] == f"{12 / 6 * 3.5:.0f}"
+    assert head["loose linkage noticed"].startswith("50 %")
+    assert head["after months"] == "0"
