@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,18 +49,77 @@ def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
 
 
+class Replicated(NamedTuple):
+    """What running a study again gave beside its tables: cells that were compared, and a line for each that changed."""
+
+    compared: list[int]
+    changed: list[str]
+    is_sample: bool
+    """Whether nothing is written."""
+
+
+_replicated = [Replicated([], [], is_sample=False)]
+
+
+@contextmanager
+def replicating(*, is_sample: bool) -> Iterator[Replicated]:
+    """Compare what is written in this context with the tables as they stand; a sample leaves these alone."""
+    _replicated.append(Replicated([], [], is_sample))
+    try:
+        yield _replicated[-1]
+    finally:
+        _replicated.pop()
+
+
 def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``, from where ``make pages`` puts it into pages."""
-    folder, name = name.split("/")
-    text = f"**{title}**\n\n{markdown(head, rows)}"
-    path = WRITTEN / folder / "tables" / f"{name}.md"
+    head, rows = list(head), [list(row) for row in rows]
+    _compare(name, title, head, rows)
+    if _replicated[-1].is_sample:
+        return
+    text, path = f"**{title}**\n\n{markdown(head, rows)}", _path_of(name)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
-    print(path)
+    print(f"{path}  sha256 {hashlib.sha256(text.encode()).hexdigest()[:12]}")
+
+
+def compare_rows(name: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+    """Compare some rows of a table with those as they stand."""
+    _compare(name, None, list(head), [list(row) for row in rows])
+
+
+def _path_of(name: str) -> Path:
+    folder, table = name.split("/")
+    return WRITTEN / folder / "tables" / f"{table}.md"
+
+
+def _compare(name: str, title: str | None, head: list[str], rows: list[list[str]]) -> None:
+    """Note each cell that is not as in the table, in the row there that begins most alike."""
+    path, (compared, changed, is_sample) = _path_of(name), _replicated[-1]
+    if not path.is_file():
+        changed.append(f"{name}: there was no such table")
+        return
+    first, _, *lines = path.read_text(encoding="utf-8").rstrip("\n").split("\n")
+    old_head, _, *old = ([cell.strip() for cell in line.strip("|").split(" | ")] for line in lines)
+    is_part = title is None or (is_sample and len(rows) < len(old))
+    if head != old_head or not (is_part or len(rows) == len(old)):
+        changed.append(f"{name}: {len(old)} rows of {len(old_head)} columns → {len(rows)} of {len(head)}")
+        return
+    if not is_part and title != first.strip("*"):
+        changed.append(f"{name}: title: {first.strip('*')} → {title}")
+    for row in ([cell.strip() for cell in row] for row in rows):
+        alike = [len(list(takewhile(bool, map(str.__eq__, row, then)))) for then in old]
+        then = old[int(np.argmax(alike))]
+        compared.append(len(row))
+        cells = zip(old_head, then, row, strict=True)
+        changed += [f"{name}: {row[0]} | {column}: {a} → {b}" for column, a, b in cells if a != b]
 
 
 def save_figure(figure: Figure, name: str, dpi: int = 150) -> None:
     """Write the figure ``FOLDER/NAME.png`` and close it."""
+    if _replicated[-1].is_sample:
+        plt.close(figure)
+        return
     path = WRITTEN / name
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=dpi)

@@ -293,6 +293,11 @@ def run(size: int, seed: int, some: Sequence[str], days: Sequence[int], *, every
     return found
 
 
+def sample() -> None:
+    """What noise alone does."""
+    write_noise()
+
+
 def main(size: int = VALVES) -> None:
     """Run everything, write the tables and draw the figure; ``size``: so many valves."""
     choice = run(size, CHOICE, CHOICE_KINDS, CHOICE_DAYS, everything=False)

@@ -288,6 +288,11 @@ def of_days(seed: int, size: int, kind: str) -> xr.Dataset:
     return ds[[*KEPT, "status"]]
 
 
+def sample(size: int = 384) -> None:
+    """A single kind of day."""
+    write_claim({CONSTANT: of_days(SEED, size, CONSTANT)})
+
+
 def main(size: int = 384) -> None:
     """Run every kind of day and write the tables."""
     done = progress()

@@ -14,7 +14,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE, identify_backlash
-from studies.common import drawn_loops, mixed_sizes, share_of, write_table
+from studies.common import compare_rows, drawn_loops, mixed_sizes, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, kinds, of_kind, settings
 
 SIMULATED = 5
@@ -254,6 +254,12 @@ def measured(
             rows += [Row(name, called, hours, identified(simulated, hours, COLUMNS[called])) for hours in HOURS]
         print(f"{name}: done", flush=True)
     return sorted(rows, key=lambda row: -row.wrong)
+
+
+def sample() -> None:
+    """The logs of the first kind of day, with a set-point."""
+    kind, population = next(iter(DAYS_OF_KINDS.items()))
+    compare_rows("diagnosis/diagnosis", HEAD, map(cells, measured({kind: population}, [WITH_SET_POINT], VALVES, DAYS)))
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from fastcoil.design.limit_cycle import HUNTS_ABOVE, Cycles, balance, cycles_of,
 from fastcoil.design.operating_points import OperatingPoints
 from fastcoil.design.plants import OPENINGS, Plants, frequency_response, loop_response
 from fastcoil.model.moist_air import humidity_ratio
-from studies.common import HEATING_GAIN, loguniform, share_of, write_table
+from studies.common import HEATING_GAIN, compare_rows, loguniform, share_of, write_table
 from studies.days import HEATING, kinds, of_kind, settings
 
 HOURS, STEP_AT, STEP = 16, 2 * 3600, 1.5
@@ -319,6 +319,14 @@ def choose() -> None:
         with patch.object(cycles, "HUNTS_ABOVE", above):
             right = [Judged.of(c.seen, fc.limit_cycle(c.loop, c.days, at=c.days.n_steps - 1)) for c in cases]
         print(f"{above:g}", *(share_of(j.hunts == j.predicted, j.among).written(2) for j in right), sep="   ")
+
+
+def sample() -> None:
+    """The first population."""
+    name = next(iter(POPULATIONS))
+    case = compared(name, FRESH, LOOPS if name in PLAIN else OTHER_LOOPS)
+    found = Judged.of(case.seen, case.predicted).cells()
+    compare_rows("hunting/limit_cycles", ["loops", *HEAD], [[POPULATIONS[name].words, *found]])
 
 
 def main() -> None:

@@ -229,6 +229,11 @@ def _learners(ds: xr.Dataset, over: Sequence[str]) -> int:
     return int(np.prod([ds.sizes[d] for d in over]))
 
 
+def sample() -> None:
+    """The rule as it is printed."""
+    printed_rule()
+
+
 def main() -> None:
     """Write the tables, draw the figures."""
     ds = results("learning_step").load()

@@ -222,6 +222,11 @@ def _at(ds: xr.Dataset, way: tuple[str, int]) -> xr.Dataset:
     return ds.sel(air_march=way[0], substeps=way[1], drop=True)
 
 
+def sample() -> None:
+    """Numbers of control volumes."""
+    write_volumes(volumes(DAYS))
+
+
 def main(days: range = DAYS, weather: Path = WEATHER_FILE, **size: Any) -> None:
     """Run everything and write every table; size: of the populations."""
     marched = steps(days)

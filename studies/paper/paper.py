@@ -54,6 +54,11 @@ def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
     return found
 
 
+def sample() -> None:
+    """One loop."""
+    one_loop()
+
+
 def main(*, quick: bool = False) -> None:
     """Regenerate the paper's figures and scorecard, and write the tables of verdicts."""
     folder = RESULTS / "paper"

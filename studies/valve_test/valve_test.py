@@ -18,7 +18,7 @@ from joblib import Parallel, delayed
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
 from fastcoil.model.metric_table import TEST_ABORTED
-from studies.common import save_figure, share_of, write_table
+from studies.common import compare_rows, save_figure, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, WEATHER, kinds, of_kind, settings
 from studies.diagnosis.diagnosis import Population, valves
 
@@ -269,6 +269,12 @@ def picture() -> None:
     ds = fc.simulate(loop, day, test=fc.ValveTest(start=START), **how).squeeze()
     T_set = ("elapsed_time", np.full(ds.sizes["elapsed_time"], 14.0), {"units": "degC"})
     save_figure(fc.read_test(ds.assign(T_set=T_set), stroke_time=90).plot(), "valve_test/one_test.png")
+
+
+def sample() -> None:
+    """The last row of the first table."""
+    label, case = list(ASKED.items())[-1]
+    compare_rows("valve_test/valve_test", HEAD, [[label, *cells(row_of(case, SEED + len(ASKED) - 1))]])
 
 
 def main() -> None:
