@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import xarray as xr
-from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
+from filelock import BaseFileLock, FileLock, Timeout
 
 from fastcoil.base.arguments import is_text
 from fastcoil.base.errors import InputError, IntegrityError, LockedError, StorageError, shown
@@ -204,7 +204,7 @@ def hold(folder: Path) -> Iterator[None]:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose another folder with -o")
         made = [p for p in (folder, *folder.parents) if not p.exists()]
-    lock = FileLock(folder / _LOCK)
+    lock = FileLock(folder / _LOCK, fallback_to_soft=False)  # a soft lock would outlive a kill
     try:
         with storage_errors(folder, "written"):
             make_folder(folder, parents=True)
@@ -232,7 +232,6 @@ def hold(folder: Path) -> Iterator[None]:
 def _acquire(lock: BaseFileLock, folder: Path) -> None:
     try:
         lock.acquire(timeout=_PATIENCE, poll_interval=_PAUSE)
-        reason = "Function not implemented" if isinstance(lock, SoftFileLock) else ""  # it would outlive a kill
     except Timeout:
         holder = _describe_holder(folder) or "another run"
         raise LockedError(f"{folder} is in use by {holder}: wait for it to end, or choose another folder") from None
@@ -240,11 +239,10 @@ def _acquire(lock: BaseFileLock, folder: Path) -> None:
         if isinstance(error, OSError) and error.errno not in _CANNOT_LOCK:
             raise
         reason = getattr(error, "strerror", None) or str(error)
-    if reason:
         raise StorageError(
             f"{lock.lock_file} cannot be locked ({reason}), so that two runs could spoil each other's results: delete "
             "it if it is a link or a folder, otherwise choose a folder on another file system with -o"
-        )
+        ) from None
 
 
 def find_holder(folder: Path) -> str | None:
@@ -252,7 +250,7 @@ def find_holder(folder: Path) -> str | None:
     try:
         if not (folder / _LOCK).is_file():
             return None
-        with FileLock(folder / _LOCK, timeout=0):
+        with FileLock(folder / _LOCK, timeout=0, fallback_to_soft=False):
             return None
     except Timeout:
         return _describe_holder(folder)
