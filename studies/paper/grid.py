@@ -193,8 +193,8 @@ def arithmetic() -> str:
 
 
 REAL_LOOP = {n: Loop.preset("lbnl")[n] for n in ("C_c", "sensor_time_constant", "stroke_time")}
-DAYS = range(2010, 2015)
-LONG_DAYS = range(2016, 2020)
+DAYS = range(2030, 2040)
+LONG_DAYS = range(2040, 2050)
 SEARCH_DAYS = range(2020, 2022)
 """Seeds of the days of each kind; no other study of this repository uses them."""
 BEST_KP, BEST_TI = np.geomspace(0.002, 0.4, 12), np.geomspace(5.0, 600.0, 10)
