@@ -74,7 +74,7 @@ def replicating(*, is_sample: bool) -> Iterator[Replicated]:
 def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Write the table ``FOLDER/NAME`` to ``FOLDER/tables/NAME.md``, from where ``make pages`` puts it into pages."""
     head, rows = list(head), [list(row) for row in rows]
-    _compare(name, title, head, rows)
+    _compare(name, rows, title, head)
     if _replicated[-1].is_sample:
         return
     text, path = f"**{title}**\n\n{markdown(head, rows)}", _path_of(name)
@@ -83,9 +83,9 @@ def write_table(name: str, title: str, head: Iterable[str], rows: Iterable[Itera
     print(f"{path}  sha256 {hashlib.sha256(text.encode()).hexdigest()[:12]}")
 
 
-def compare_rows(name: str, head: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Compare some rows of a table with those as they stand."""
-    _compare(name, None, list(head), [list(row) for row in rows])
+def compare_rows(name: str, rows: Iterable[Iterable[str]]) -> None:
+    """Compare some rows of the table ``FOLDER/NAME`` with those as they stand."""
+    _compare(name, [list(row) for row in rows])
 
 
 def _path_of(name: str) -> Path:
@@ -93,7 +93,7 @@ def _path_of(name: str) -> Path:
     return WRITTEN / folder / "tables" / f"{table}.md"
 
 
-def _compare(name: str, title: str | None, head: list[str], rows: list[list[str]]) -> None:
+def _compare(name: str, rows: list[list[str]], title: str | None = None, head: list[str] | None = None) -> None:
     """Note each cell that is not as in the table, in the row there that begins most alike."""
     path, (compared, changed, is_sample) = _path_of(name), _replicated[-1]
     if not path.is_file():
@@ -102,8 +102,8 @@ def _compare(name: str, title: str | None, head: list[str], rows: list[list[str]
     first, _, *lines = path.read_text(encoding="utf-8").rstrip("\n").split("\n")
     old_head, _, *old = ([cell.strip() for cell in line.strip("|").split(" | ")] for line in lines)
     is_part = title is None or (is_sample and len(rows) < len(old))
-    if head != old_head or not (is_part or len(rows) == len(old)):
-        changed.append(f"{name}: {len(old)} rows of {len(old_head)} columns → {len(rows)} of {len(head)}")
+    if (head or old_head) != old_head or not (is_part or len(rows) == len(old)):
+        changed.append(f"{name}: other columns, or {len(rows)} rows in place of {len(old)}")
         return
     if not is_part and title != first.strip("*"):
         changed.append(f"{name}: title: {first.strip('*')} → {title}")

@@ -17,11 +17,11 @@ import xarray as xr
 from joblib import Parallel, delayed
 
 import fastcoil as fc
-from studies.common import mean_of, progress, share_of, signed, write_table
+from studies.common import compare_rows, mean_of, progress, share_of, signed, write_table
 from studies.days import CONSTANT, DESIGN, STEPPED, WEATHER, kinds, of_kind
 from studies.diagnosis.cause import valves
 
-SEED, VALVES, DAYS, ROUNDS = 20601, 256, 6, 4
+SEED, VALVES, DAYS, ROUNDS = 20601, 128, 4, 4
 CP = 1.02
 """Specific heat of air, kJ/(kg K)."""
 ROOM, HEATED_TO, CAPACITY = 24.0, 22.0, 1800.0
@@ -157,6 +157,11 @@ def rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
         moved = f"{100 * float(ds.moved.sel(worn=True).where(among).quantile(0.95)):.2f} %"
         found.append([kind, name, f"{int(among.sum())}", *changes, f"{up}", moved])
     return found
+
+
+def sample() -> None:
+    """The first kind of day."""
+    compare_rows("cost/zone", rows(CONSTANT, of_kind_of_day(CONSTANT)))
 
 
 def main(size: int = VALVES) -> None:

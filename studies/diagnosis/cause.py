@@ -15,7 +15,7 @@ from joblib import Parallel, delayed
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
-from studies.common import HEATING_GAIN, loguniform, write_table
+from studies.common import HEATING_GAIN, compare_rows, loguniform, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share
 
@@ -155,17 +155,24 @@ def of_logs(flags: list[bool]) -> str:
     return share(xr.DataArray([flags], dims=("day", "sample")).astype(float)) if flags else "none"
 
 
+def counted(kind: str, found: list[Answer]) -> list[list[str]]:
+    """A row for each true cause on a kind of day."""
+    of = {true: [one.said for one in found if one.true == true] for true in CAUSES}
+    return [[kind, true, f"{len(said)}", *(f"{said.count(a)}" for a in ANSWERS)] for true, said in of.items() if said]
+
+
+def sample() -> None:
+    """The first kind of day."""
+    compare_rows("diagnosis/diagnosis_cause", counted(KINDS[0], answers(KINDS[0])))
+
+
 def main() -> None:
     """Measure on every kind of day and write the tables."""
     everything: list[Answer] = []
     rows = []
     for kind, found in zip(KINDS, Parallel(n_jobs=-1)(delayed(answers)(kind) for kind in KINDS), strict=True):
         everything += found
-        for true in CAUSES:
-            said = [one.said for one in found if one.true == true]
-            if said:
-                rows.append([kind, true, str(len(said)), *(str(said.count(answer)) for answer in ANSWERS)])
-                print(rows[-1], flush=True)
+        rows += counted(kind, found)
     write_table(
         "diagnosis/diagnosis_cause",
         f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; answers by truth",

@@ -23,7 +23,7 @@ from fastcoil.measured.diagnose import WANTED, identified
 from fastcoil.measured.grid import held, in_a_row, motor_positions, on_grid
 from fastcoil.measured.identify import GOOD, TOLERANCE, Identification
 from fastcoil.measured.part import turns
-from studies.common import write_table
+from studies.common import compare_rows, write_table
 from studies.days import CONSTANT, STEPPED, of_kind
 from studies.diagnosis.diagnosis import SIMULATED, Population, logs, share, valves
 
@@ -252,6 +252,11 @@ def by_turns(pool: Pool) -> list[list[str]]:
         for name, group in zip(names, groups, strict=True)
         if group.any()
     ]
+
+
+def sample() -> None:
+    """Six steady days of each valve."""
+    compare_rows("diagnosis/claims_pooled", [pooled(POOLS[4])])
 
 
 def main() -> None:

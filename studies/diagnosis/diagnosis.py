@@ -259,7 +259,7 @@ def measured(
 def sample() -> None:
     """The logs of the first kind of day, with a set-point."""
     kind, population = next(iter(DAYS_OF_KINDS.items()))
-    compare_rows("diagnosis/diagnosis", HEAD, map(cells, measured({kind: population}, [WITH_SET_POINT], VALVES, DAYS)))
+    compare_rows("diagnosis/diagnosis", map(cells, measured({kind: population}, [WITH_SET_POINT], VALVES, DAYS)))
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ import xarray as xr
 import fastcoil as fc
 from fastcoil.measured.fitted_loop import Outcome, fit_loop_model, what_if
 from fastcoil.measured.identify import identify_backlash
-from studies.common import HEATING_GAIN, drawn_loops, loguniform, mixed_sizes, write_table
+from studies.common import HEATING_GAIN, compare_rows, drawn_loops, loguniform, mixed_sizes, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, STEPPED, of_kind, settings
 from studies.diagnosis.diagnosis import share
 
@@ -170,18 +170,28 @@ def row(kind: str, fast: bool, change: int, foreseen: tuple[np.ndarray, ...], tr
     ]  # fmt: skip
 
 
+def rows_of(kind: str, fast: bool) -> list[list[str]]:
+    """A row for each change, on a kind of day."""
+    of = simulated(kind, fast)
+    foreseen = predicted(of)
+    true = truly(of, foreseen[0])
+    return [row(kind, fast, change, foreseen, true) for change in range(1, 1 + len(CHANGES))]
+
+
+def sample() -> None:
+    """The first kind of day."""
+    compare_rows("diagnosis/diagnosis_predictions", rows_of(*KINDS[0]))
+
+
 def main() -> None:
     """Measure on every kind of day and write the table."""
     rows = []
     for kind, fast in KINDS:
-        of = simulated(kind, fast)
-        foreseen = predicted(of)
-        true = truly(of, foreseen[0])
-        rows += [row(kind, fast, change, foreseen, true) for change in range(1, 1 + len(CHANGES))]
+        rows += rows_of(kind, fast)
         print(*rows[-len(CHANGES) :], sep="\n", flush=True)
     write_table(
         "diagnosis/diagnosis_predictions",
-        f"What the loop fitted to an 8-h log predicts: {true.shape[1]} loops × {len(DAYS)} days of each kind",
+        f"What the loop fitted to an 8-h log predicts: {VALVES} loops × {len(DAYS)} days of each kind",
         ["day", "change", "hunting predicted wrongly", "RMSE off by more than 20 % and 0.02 K", "no prediction",
          "predictions", "hunt: before → after", "RMSE truly", "predicted RMSE against true",
          "predicted travel against true"],

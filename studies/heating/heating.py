@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 
 import fastcoil as fc
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import save_figure, share_of, write_table
+from studies.common import compare_rows, save_figure, share_of, write_table
 from studies.heating.backlash import PRESETS, write_backlash
 
 COLOURS = {"heating": BLUE, "heating_45": RED}
@@ -238,6 +238,11 @@ def fresh_rows(size: int = FRESH_SIZE) -> list[list[str]]:
                  f"{float(margin.max()):.2f}", str(share_of(r.ds.hunts)), str(share_of(worn.hunts))]
             )  # fmt: skip
     return rows
+
+
+def sample() -> None:
+    """The design load."""
+    compare_rows("heating/heating_sizing", sizing_rows())
 
 
 def main() -> None:

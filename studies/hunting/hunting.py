@@ -280,6 +280,11 @@ CHOICE, FRESH, WIDE, ON_DAYS, SIZES, START, PARTS, COST, CURES = range(15001, 15
 OF_DAYS = range(15911, 15914)
 
 
+def sample(size: int = 384, days: int = 6) -> None:
+    """How hunting begins."""
+    hunting_backlash.write_start(hunting_backlash.run_start(START, size // 2, max(days // 2, 2)))
+
+
 def main(size: int = 384, days: int = 6) -> None:
     """Run everything, write the tables and draw the figures; ``size`` valves, ``days`` conditions of a kind."""
     done = progress()

@@ -326,7 +326,7 @@ def sample() -> None:
     name = next(iter(POPULATIONS))
     case = compared(name, FRESH, LOOPS if name in PLAIN else OTHER_LOOPS)
     found = Judged.of(case.seen, case.predicted).cells()
-    compare_rows("hunting/limit_cycles", ["loops", *HEAD], [[POPULATIONS[name].words, *found]])
+    compare_rows("hunting/limit_cycles", [[POPULATIONS[name].words, *found]])
 
 
 def main() -> None:

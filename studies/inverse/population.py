@@ -112,6 +112,11 @@ def dependence() -> None:
     )
 
 
+def sample() -> None:
+    """What the benefit depends on."""
+    dependence()
+
+
 def main() -> None:
     """Write every table."""
     benefit()

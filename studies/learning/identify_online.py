@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import SIZES, drawn_loops, write_table
+from studies.common import SIZES, compare_rows, drawn_loops, write_table
 from studies.days import HEATING, STEPPED, kinds, of_kind, settings
 from studies.diagnosis.diagnosis import share
 
@@ -112,11 +112,22 @@ def row(name: str, ds: xr.Dataset) -> list[str]:
     ]
 
 
+def cells(name: str, loop: fc.Loop, days: fc.Boundary) -> list[str]:
+    """The row of a condition."""
+    return [cell.replace("(-0.0", "(0.0") for cell in row(name, measured(loop, days))]
+
+
+def sample() -> None:
+    """The first condition."""
+    name, (loop, days) = next(iter(conditions().items()))
+    compare_rows("learning/identify_online", [cells(name, loop, days)])
+
+
 def main() -> None:
     """Measure every condition and write the table."""
     rows = []
     for name, (loop, days) in conditions().items():
-        rows.append([cell.replace("(-0.0", "(0.0") for cell in row(name, measured(loop, days))])
+        rows.append(cells(name, loop, days))
         print(*rows[-1], sep=" | ", flush=True)
     write_table(
         "learning/identify_online",

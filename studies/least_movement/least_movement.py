@@ -21,7 +21,7 @@ from joblib import Parallel, delayed
 import fastcoil as fc
 from fastcoil.base.figures import apply_style
 from fastcoil.measured.identify import GOOD, TOLERANCE, identify_backlash
-from studies.common import drawn_loops, loguniform, save_figure, share_of, write_table
+from studies.common import compare_rows, drawn_loops, loguniform, save_figure, share_of, write_table
 from studies.days import CONSTANT, T_SET, of_kind
 from studies.hunting.loops import foreseen
 from studies.learning.identify_online import IDENTIFY
@@ -300,6 +300,13 @@ def draw(found: Mapping[str, xr.Dataset]) -> None:
     )
     other.legend(loc="lower left", markerscale=3)
     save_figure(figure, "least_movement/least_movement.png")
+
+
+def sample() -> None:
+    """Days whose set-point stands still."""
+    move = "still"
+    found = {move: measured(move, SEED + list(MOVES).index(move), VALVES // 2)}
+    compare_rows("least_movement/least_movement_ways", by_move(found))
 
 
 def main(n: int = VALVES) -> None:

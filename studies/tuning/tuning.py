@@ -19,7 +19,7 @@ from fastcoil.design.measures import Measure, with_intervals
 from fastcoil.design.tuning_plan import Group, own_gains
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.model.metric_table import WARM_UP
-from studies.common import along, change_in_words, mean_change, share_of, signed, write_table
+from studies.common import along, change_in_words, compare_rows, mean_change, share_of, signed, write_table
 from studies.days import HEATING, kinds, of_kind, settings
 from studies.robustness.best_pi import best_gains
 
@@ -167,6 +167,13 @@ def failures(case: Case, found: dict[str, xr.Dataset]) -> list[list[str]]:
                 if change[1] > 0.0 or hunting.low > HUNTING:
                     rows.append([case.words, kind, tuning, words, signed(*change), str(hunting)])
     return rows
+
+
+def sample() -> None:
+    """The first loop."""
+    case = CASES[0]
+    found, _ = rivals(case, *tuned(case))
+    compare_rows("tuning/tuning_kinds", kind_rows(case, found))
 
 
 def main() -> None:

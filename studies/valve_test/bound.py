@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
 from fastcoil.measured.valve_response import AR, MA
-from studies.common import write_table
+from studies.common import compare_rows, write_table
 from studies.days import of_kind, settings
 from studies.diagnosis.diagnosis import valves
 from studies.valve_test.valve_test import ASKED, HOURS, LOGGED, SEQUENCES, START, Case, log_of, read, simulated
@@ -115,6 +115,12 @@ HEAD = (
     "tests", "n", "excursion, median, K", "bound, median · 90 %, % of stroke", "rms error of the reading, % of stroke",
     "error / bound, typical", "could be claimed",
 )  # fmt: skip
+
+
+def sample() -> None:
+    """The first test."""
+    name, case = next(iter(ASKED.items()))
+    compare_rows("valve_test/valve_test_bound", [[name, *row(bounded(case, SEED))]])
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
-from studies.common import share_of, write_table
+from studies.common import compare_rows, share_of, write_table
 from studies.days import CONSTANT, DESIGN, HEATING, HOURS, STEPPED, WEATHER, kinds, of_kind, settings
 from studies.learning.identify_online import IDENTIFY, WORSE, population
 
@@ -91,6 +91,11 @@ def row(ds: xr.Dataset) -> list[str]:
         *(f"{change:+.1f}" for change in changes),
         f"{share_of(ds.rise > WORSE, worn)}", f"{share_of(ds.rise > WORSE, good)}",
     ]  # fmt: skip
+
+
+def sample() -> None:
+    """Days with a constant set-point, without a test."""
+    compare_rows("valve_test/valve_test_online", [[CONSTANT, "none", *row(weekly(CONSTANT, TESTS[CONSTANT]["none"]))]])
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
-from studies.common import loguniform, write_table
+from studies.common import compare_rows, loguniform, write_table
 from studies.valve_test.bound import HEAD, SEED, VALVES, bounded, row
 from studies.valve_test.valve_test import START, Case
 
@@ -54,12 +54,22 @@ def optimised() -> list[fc.ValveTest]:
     return [one.test for one in sorted(within, key=lambda one: one.bound)[:BEST]]
 
 
+SHIPPED = " (as shipped)"
+
+
+def shown(test: fc.ValveTest, note: str = "") -> list[str]:
+    """The row of a relay."""
+    name = f"{100 * test.rate:.3g} %/s, threshold {test.threshold:g} K, holds {test.hold:g} s{note}"
+    return [name, *row(bounded(Case(test=test), SEED + 50))]
+
+
+def sample() -> None:
+    """The shipped relay."""
+    compare_rows("valve_test/valve_test_optimised", [shown(fc.ValveTest(start=START), SHIPPED)])
+
+
 def main() -> None:
     """Write what the best relays tell on other valves, beside the shipped one."""
-    rows = []
-    for test in (fc.ValveTest(start=START), *optimised()):
-        name = f"{100 * test.rate:.3g} %/s, threshold {test.threshold:g} K, holds {test.hold:g} s"
-        rows.append([name, *row(bounded(Case(test=test), SEED + 50))])
-    rows[0][0] += " (as shipped)"
+    rows = [shown(fc.ValveTest(start=START), SHIPPED), *map(shown, optimised())]
     title = f"The relays of 20 min that tell most, of {TRIED} drawn, within {LIMIT:g} K: {VALVES} other valves"
     write_table("valve_test/valve_test_optimised", title, HEAD, rows)

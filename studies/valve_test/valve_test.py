@@ -274,7 +274,7 @@ def picture() -> None:
 def sample() -> None:
     """The last row of the first table."""
     label, case = list(ASKED.items())[-1]
-    compare_rows("valve_test/valve_test", HEAD, [[label, *cells(row_of(case, SEED + len(ASKED) - 1))]])
+    compare_rows("valve_test/valve_test", [[label, *cells(row_of(case, SEED + len(ASKED) - 1))]])
 
 
 def main() -> None:

@@ -1,0 +1,70 @@
+"""Running a study again says which cells of its tables changed, and a sample writes nothing."""
+
+from types import SimpleNamespace
+
+import pytest
+
+import studies.__main__ as command
+from studies import common
+from studies.common import compare_rows, replicating, write_table
+
+HEAD = ["days", "loops", "share"]
+ROWS = [["constant", "hunt", "1 %"], ["constant", "calm", "2 %"], ["stepped", "hunt", "3 %"]]
+
+
+@pytest.fixture
+def table(tmp_path, monkeypatch):
+    """A table as it stands, and its path."""
+    monkeypatch.setattr(common, "WRITTEN", tmp_path)
+    write_table("of/shares", "Shares", HEAD, ROWS)
+    return tmp_path / "of" / "tables" / "shares.md"
+
+
+@pytest.mark.parametrize("is_sample", [True, False])
+def test_the_same_numbers_change_no_cell(table, is_sample):
+    before = table.read_text()
+    with replicating(is_sample=is_sample) as found:
+        write_table("of/shares", "Shares", HEAD, ROWS)
+    assert (found.changed, sum(found.compared)) == ([], 9)
+    assert table.read_text() == before
+
+
+def test_a_sample_names_the_cell_that_changed_and_leaves_the_table(table):
+    before = table.read_text()
+    with replicating(is_sample=True) as found:
+        compare_rows("of/shares", [["constant", "calm", "4 %"]])
+    assert found.changed == ["of/shares: constant | share: 2 % → 4 %"]
+    assert table.read_text() == before
+
+
+def test_a_whole_run_names_it_and_writes_the_table(table):
+    with replicating(is_sample=False) as found:
+        write_table("of/shares", "Shares, anew", HEAD, [*ROWS[:2], ["stepped", "hunt", "5 %"]])
+    assert found.changed == ["of/shares: title: Shares → Shares, anew", "of/shares: stepped | share: 3 % → 5 %"]
+    assert "5 %" in table.read_text()
+
+
+@pytest.mark.parametrize(("head", "rows"), [(HEAD, ROWS[:2]), (HEAD[:2], [row[:2] for row in ROWS])])
+def test_a_row_or_a_column_that_is_missing_is_named(table, head, rows):
+    with replicating(is_sample=False) as found:
+        write_table("of/shares", "Shares", head, rows)
+    assert len(found.changed) == 1
+    assert found.changed[0].startswith("of/shares: other columns, or ")
+
+
+def test_the_command_ends_with_1_if_a_sample_changed(table, monkeypatch, capsys):
+    study = SimpleNamespace(SEED=7, sample=lambda: compare_rows("of/shares", [["stepped", "hunt", "9 %"]]))
+    monkeypatch.setattr(command, "questions", lambda: {"one": command.Question("?", "of.one", "minutes")})
+    monkeypatch.setattr(command.importlib, "import_module", {"of.one": study}.__getitem__)
+    assert command.main(["--sample"]) == 1
+    said = capsys.readouterr().out
+    assert "one: SEED = 7" in said
+    assert "one: 1 of 3 cells changed" in said
+    assert said.endswith("Changed:\n  of/shares: stepped | share: 3 % → 9 %\n")
+
+
+def test_an_unknown_study_or_option_is_refused():
+    with pytest.raises(SystemExit, match="no study 'robustnes'; did you mean 'robustness'"):
+        command.main(["robustnes"])
+    with pytest.raises(SystemExit, match="no option --samples: give --all or --sample"):
+        command.main(["--samples"])
