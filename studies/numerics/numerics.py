@@ -17,6 +17,7 @@ import xarray as xr
 from scipy.stats import t
 
 import fastcoil as fc
+from fastcoil.model.moist_air import enthalpy
 from studies.common import write_table
 from studies.days import HEATING, WEATHER_FILE, kinds, of_kind
 from studies.learning.identify_online import IDENTIFY
@@ -25,6 +26,8 @@ from studies.robustness.best_pi import PRESETS as COOLING
 
 DAYS = range(9411, 9419)
 BACKLASH = (0.0, 0.07, 0.15)
+HUMIDITY, OPENINGS = (0.004, 0.008, 0.012, 0.016), (0.3, 0.6)
+"""Of the energy balance: kg/kg, and commands of a valve that is held."""
 MARCHES = ("lagged", "quasistatic")
 SUBSTEPS = (1, 2, 4, 8, 16, 32)
 FINEST = ("quasistatic", 32)
@@ -218,6 +221,32 @@ def write_volumes(ds: xr.Dataset) -> None:
     )
 
 
+def closure() -> list[list[str]]:
+    """Heat that the water takes at rest, against the enthalpy that the air loses: a row each humidity and opening."""
+    rows = []
+    for W in HUMIDITY:
+        day = fc.constant_day(hours=2, W_a_in=W)
+        T_a, m_a = (float(day.series[name].flat[-1]) for name in ("T_a_in", "m_a"))
+        for opening in OPENINGS:
+            command = np.full(day.n_steps, opening)
+            ds = fc.simulate(fc.Loop(), day, command=command, traces=["T_sup", "W_sup", "wet_volumes", "power"])
+            T, W_out, wet, water = (float(ds[name][-1]) for name in ("T_sup", "W_sup", "wet_volumes", "power"))
+            air = m_a * float(enthalpy(T_a, W) - enthalpy(T, W_out))
+            rows.append([f"{1000 * W:g}", f"{opening:g}", f"{wet:.0f}", f"{water:.2f}", f"{air:.2f}",
+                         f"{100 * (water / air - 1.0):+.2f} %"])  # fmt: skip
+    return rows
+
+
+def write_closure() -> None:
+    """Write the energy balance: c_p,a of Eq (4) is constant, that of moist air is not."""
+    write_table(
+        "numerics/closure",
+        "Energy at rest, c_p,a 1.02 kJ/(kg K): heat that the water takes against the enthalpy that the air loses",
+        ["humidity ratio, g/kg", "command", "wet volumes", "water, kW", "air, kW", "water over air"],
+        closure(),
+    )
+
+
 def _at(ds: xr.Dataset, way: tuple[str, int]) -> xr.Dataset:
     return ds.sel(air_march=way[0], substeps=way[1], drop=True)
 
@@ -235,4 +264,5 @@ def main(days: range = DAYS, weather: Path = WEATHER_FILE, **size: Any) -> None:
     write_kinds(of_kinds(days, weather))
     write_claims(claims(days))
     write_volumes(volumes(days))
+    write_closure()
     numerics_populations.main(weather=weather, **size)
