@@ -38,6 +38,7 @@ FAN, PUMP, COP = 1.5, 0.25, 4.0
 QUARTER, WARM_UP = 900, 1800
 """Seconds of a demand, and at the start that do not count."""
 GAP_HUNTS, ALL = "hunt by the gap", "all"
+KINDS = (CONSTANT, STEPPED, DESIGN, WEATHER)
 
 
 class Rooms(NamedTuple):
@@ -110,9 +111,14 @@ def sums(of: Rooms, at: Coil, usual: np.ndarray) -> dict[str, np.ndarray]:
     return found | {"electricity": total.mean(-1), "demand": quarters.max(-1)}
 
 
+def drawn_valves(kind: str, size: int) -> dict[str, np.ndarray]:
+    """Valves and loops for a kind of day, none of them for another."""
+    return valves(CONSTANT, SEED + KINDS.index(kind), size)
+
+
 def of_kind_of_day(kind: str, size: int = VALVES, n_days: int = DAYS) -> xr.Dataset:
     """Sums over (gap, sample, day), with and without its gap, after the last round; ``moved``: by it, as a share."""
-    drawn = valves(kind, SEED, size)
+    drawn = drawn_valves(kind, size)
     days = of_kind(kind, [SEED + k for k in range(n_days)])
     usual = np.tile(np.asarray(days.series["m_a"], float), (size, 1))
     T_set = float(np.mean(days.series["T_set"]))
@@ -143,7 +149,7 @@ HEAD = ("days", "loops", "loops × days", *(f"{name}, mean" for name in SUMS), "
 def rows(kind: str, ds: xr.Dataset) -> list[list[str]]:
     """Change of each sum with the gap against the same loop without, over valves and days."""
     worn, good = ds.sel(worn=True), ds.sel(worn=False)
-    gap = xr.DataArray(valves(kind, SEED, ds.sizes["sample"])["backlash"] > 0.0, dims="sample")
+    gap = xr.DataArray(drawn_valves(kind, ds.sizes["sample"])["backlash"] > 0.0, dims="sample")
     by_gap = (worn.hunts > 0.0) & (good.hunts == 0.0)
     found = []
     for name, among in ((GAP_HUNTS, by_gap), (ALL, gap & (worn.hunts >= 0.0))):
@@ -167,9 +173,10 @@ def sample() -> None:
 def main(size: int = VALVES) -> None:
     """Write the table."""
     done, table = progress(), []
-    for kind in (CONSTANT, STEPPED, DESIGN, WEATHER):
+    for kind in KINDS:
         if kind in kinds():
             table += rows(kind, of_kind_of_day(kind, size))
+            print(*table[-2:], sep="\n")
             done(kind)
     write_table(
         "cost/zone",
