@@ -146,7 +146,7 @@ def command_problem(program, words, targets):
     if program == "make":
         return None if words and words[0] in targets else f"make has no {words}"
     if (program, *words[:2]) == ("python", "-m", "studies"):
-        return None if set(words[2:]) <= {*questions(), "NAME"} else f"no study {words[2:]}"
+        return None if set(words[2:]) <= {*questions(), "NAME", "--all", "--sample"} else f"no study {words[2:]}"
     if program == "python":
         return None if words[0] in SCRIPTS or (ROOT / words[0]).is_file() else f"no {words[0]}"
     if program != "fastcoil":
