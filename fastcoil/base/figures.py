@@ -18,7 +18,6 @@ from fastcoil.base.arguments import checking, choice_of, whole_of
 from fastcoil.base.files import commit, make_folder, read_bytes, storage_errors
 
 if TYPE_CHECKING:
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 
@@ -69,15 +68,6 @@ def wrapped(text: str, inches: float, points: float) -> str:
     """Wrap text to a width in inches at a font size in points; existing line breaks are kept."""
     letters = max(int(inches / (_LETTER * points * _INCHES_PER_POINT)), 1)
     return "\n".join(fill(line, letters, break_long_words=False) for line in text.splitlines())
-
-
-def mark_logarithms(axis: Axis) -> None:
-    """Label 1, 2 and 5 of every decade of a logarithmic axis, without exponents."""
-    from matplotlib.ticker import LogLocator
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter("")
 
 
 FIGURES = "figures"

@@ -90,5 +90,31 @@ def percent(share: float, low: float = math.nan, high: float = math.nan, *, deci
     return f"{value} %" if math.isnan(low) else f"{value} % ({' to '.join(ends)})"
 
 
+_MINUTES = 120.0  # seconds from which a period is given in minutes
+_NOTHING = 5e-4  # temperature difference that nobody sees, K
+
+
+def seconds(value: float) -> str:
+    """A period in words."""
+    if not math.isfinite(value):
+        return "now and then"
+    return f"{number(value)} s" if value < _MINUTES else f"{number(value / 60.0)} min"
+
+
+def kelvin(value: float) -> str:
+    """A temperature difference in words."""
+    return f"{number(value)} K" if abs(value) >= _NOTHING else "0 K"
+
+
+def number(value: float) -> str:
+    """Two digits, without an exponent where it is large."""
+    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
+
+
+def per_cent(value: float) -> str:
+    """A fraction in percent, with three digits."""
+    return f"{100.0 * value:.3g} %"
+
+
 def _three_digits(size: float) -> str:
     return f"{float(f'{size:.3g}'):,.0f}" if _THOUSANDS[0] <= size < _THOUSANDS[1] else f"{size:.3g}"

@@ -405,7 +405,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     The table [tune] of the study file defines the search, the objective and the limits.
     """
     from fastcoil.base.progress import Shown
-    from fastcoil.design.tune import in_scenario_days, run_tuning
+    from fastcoil.design.tune import run_tuning
     from fastcoil.loops.simulate import workers
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.folder import hold
@@ -420,7 +420,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     announce_compilation()
     with interruptible(study, folder, "tune"), hold(folder):
         with Shown() as shown:
-            found = run_tuning(asked._replace(n_jobs=n_jobs), in_scenario_days(asked, shown))
+            found = run_tuning(asked._replace(n_jobs=n_jobs), shown)
         say(*found.summary(), "")
         path = folder / CHOSEN
         write_found(found, path)

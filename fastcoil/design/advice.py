@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array, Mask
+from fastcoil.base.text import kelvin, number, per_cent
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import PointsOfDay
 from fastcoil.design.prediction import Prediction, cycles_at, shortest_ti, simc_gains
@@ -39,10 +40,8 @@ LEAST_GAIN = 0.2
 DEAD_BAND_WIDTHS = (0.1, 0.5)
 """Least and most, K; as wide as the swing is high in between."""
 _QUIET_DEAD_BAND = 0.25  # K, where nothing hunts
-_FACTORS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)
-"""Of the kp that is tried where no gains of theory stop the hunting."""
-_TIMES = (1.0, 2.0, 4.0, 8.0)
-"""Of the ti that is tried with each."""
+_FACTORS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)  # of the kp that is tried where no gains of theory stop the hunting
+_TIMES = (1.0, 2.0, 4.0, 8.0)  # of the ti that is tried with each
 
 
 class Cure(NamedTuple):
@@ -367,27 +366,19 @@ def _compared(error: float) -> str:
     return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
 
 
-_MINUTES = 120.0  # seconds from which a period is given in minutes
-_NOTHING = 5e-4  # temperature difference that nobody sees, K
+LOST = 0.5
+"""Share of the time off the set-point from which a loop does not hold it."""
 
 
-def seconds(value: float) -> str:
-    """A period in words."""
-    if not math.isfinite(value):
-        return "now and then"
-    return f"{number(value)} s" if value < _MINUTES else f"{number(value / 60.0)} min"
+def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice]:
+    """Try what may help, and gains that only simulation finds where no others stop the hunting.
 
-
-def kelvin(value: float) -> str:
-    """A temperature difference in words."""
-    return f"{number(value)} K" if abs(value) >= _NOTHING else "0 K"
-
-
-def number(value: float) -> str:
-    """Two digits, without an exponent where it is large."""
-    return f"{value:.2g}" if abs(value) < 99.5 else f"{value:.0f}"
-
-
-def per_cent(value: float) -> str:
-    """A fraction in words."""
-    return f"{100.0 * value:.3g} %"
+    prediction: see ``cures_of``.  Returns ``try_cures`` with ``verdict``, and what to do.
+    """
+    cures = cures_of(trial.loop, prediction, has_theory=trial.prediction is not None)
+    ds = try_cures(trial, cures)
+    if ds["hunting"][0] and not (ds["hunting"] == 0.0)[np.isin(ds["cure"], GAINS)].any():
+        ds = try_cures(trial, with_simulated_gains(trial, cures))
+    options = options_of(ds)
+    ds = ds.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
+    return ds, advise(options, holds=not ds["share_off"][0] > LOST, least=SEEN)

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.design.plants import Columns, Complex, Plants, distinct, frequency_response
-
-Part = TypeVar("Part", "Elements", "LimitedPI", "Swings")
-
-
-def part_of(whole: Part, some: Index) -> Part:
-    """Those of some loops or plants."""
-    return type(whole)(*(values[some] for values in whole))
 
 
 def describing_function(amplitude: Array, width: Array, wait: Array) -> Complex:
@@ -97,50 +90,6 @@ _SINE = np.sin(_PHASE)
 _BIAS_HALVINGS = 9
 
 
-class LimitedPI(NamedTuple):
-    """Of each loop, (n, 1).  sign: of the error per K of T_sup; the others are the parameters and of ``Elements``."""
-
-    kp: Array
-    ti: Array
-    sample_time: Array
-    sign: Array
-    slope: Array
-    offset: Array
-    backlash: Array
-
-    @classmethod
-    def of(cls, columns: Columns, elements: Elements) -> LimitedPI:
-        """Of loops with these parameters, (n,) each."""
-        kp, ti, period = (np.asarray(columns[name], float)[:, None] for name in ("kp", "ti", "sample_time"))
-        sign = np.where(np.asarray(columns["action"]) == "heating", -1.0, 1.0)[:, None]
-        return cls(kp, ti, period, sign, elements.slope, elements.offset, elements.backlash)
-
-    def parts(self, amplitude: Array, w: Array) -> tuple[Array, Array]:
-        """Amplitudes of the proportional and the integral part that together would swing u by ``amplitude``."""
-        ratio = self.sample_time / self.ti / (1.0 - np.exp(-1j * w * self.sample_time))
-        return amplitude / np.abs(1.0 + ratio), amplitude * np.abs(ratio / (1.0 + ratio))
-
-    def passed(self, amplitude: Array, w: Array, plants: Plants) -> tuple[Complex, Array]:
-        """Fundamental of u over that of a PI without ends, and the mean error over its amplitude: (n, m) each."""
-        proportional, integral = self.parts(amplitude, w)
-        low, high = -np.ones(amplitude.shape), np.ones(amplitude.shape)
-        for _ in range(_BIAS_HALVINGS):
-            bias = 0.5 * (low + high)
-            opening = self.opening(driven(proportional, integral, bias))
-            mean = temperature(plants.curve, opening.reshape(STEPS, -1).T.reshape(*amplitude.shape, STEPS)).mean(axis=2)
-            # the colder the air, the smaller the error that a cooling valve sees
-            above = self.sign * (mean - plants.T_sup[:, None]) > bias * proportional / self.kp
-            low, high = np.where(above, bias, low), np.where(above, high, bias)
-        bias = 0.5 * (low + high)
-        u = driven(proportional, integral, bias)
-        fundamental = 2j / STEPS * np.tensordot(np.exp(-1j * _PHASE), u, axes=1)
-        return fundamental / (proportional - 1j * integral), bias
-
-    def opening(self, u: Array) -> Array:
-        """Opening at rest that belongs to u, behind a gap in whose middle the motor stands."""
-        return np.asarray((u - self.offset) * self.slope / (1.0 - self.backlash))
-
-
 def driven(proportional: Array, integral: Array, bias: Array) -> Array:
     """u over a period of the error, (STEPS, n, m).
 
@@ -168,20 +117,20 @@ def between(curves: Array, place: Array) -> Array:
     return np.asarray(curves[rows, first] * (1.0 - share) + curves[rows, first + 1] * share)
 
 
-def amplitude_of(u: Array, mean: Array, w: Array, pi: LimitedPI, elements: Elements, plants: Plants) -> Array:
+def amplitude_of(u: Array, mean: Array, w: Array, elements: Elements, plants: Plants) -> Array:
     """Half of peak to peak of T_sup, K, (n,).
 
     u, mean: amplitude of u without limits, and its mean, fraction of stroke; w: rad/s; (n, 1) each.
     """
     period = np.linspace(0.0, 2.0 * np.pi, STEPS, endpoint=False)
     driving = np.clip(mean + u * np.sin(period), 0.0, 1.0).T[:, :, None]
-    proportional, integral = pi.parts(u, w)
+    proportional, integral = elements.parts(u, w)
     ends = integral > np.minimum(mean, 1.0 - mean)
     if ends.any():
         some = np.flatnonzero(ends)
-        bias = part_of(pi, some).passed(u[some], w[some], plants.some(some))[1]
+        bias = elements.some(some).passed(u[some], w[some], plants.some(some))[1]
         driving[:, some] = driven(proportional[some], integral[some], bias)
-    opening = pi.opening(_followed(_held(driving, w * elements.sample_time), w, elements))
+    opening = elements.opening(_followed(_held(driving, w * elements.sample_time), w, elements))
     at_rest = temperature(plants.curve, opening.transpose(1, 2, 0))[:, 0]
     return np.asarray(0.5 * np.ptp(_filtered(at_rest, w, plants), axis=1))
 
@@ -231,19 +180,6 @@ _NODES = np.sin(np.pi * ((np.arange(8) + 0.5) / 8.0 - 0.5))  # A sine at equal s
 _MEAN_HALVINGS, _FINER = 12, 8
 
 
-class Swings(NamedTuple):
-    """Mean opening, and gain over that at rest, for each of AMPLITUDES: (n, 28)."""
-
-    mean: Array
-    gain: Array
-
-    def at(self, amplitude: Array) -> tuple[Array, Array]:
-        """Mean and gain at amplitudes (n, n_amplitudes)."""
-        ratio = np.log(AMPLITUDES[1] / AMPLITUDES[0])
-        place = np.clip(np.log(np.maximum(amplitude, AMPLITUDES[0]) / AMPLITUDES[0]) / ratio, 0.0, AMPLITUDES.size - 1)
-        return between(self.mean, place), between(self.gain, place)
-
-
 def refined(curve: Array) -> Array:
     """A curve (n, n_openings) with ``_FINER`` times as many steps: cubic between its points, with the slopes there.
 
@@ -258,30 +194,27 @@ def refined(curve: Array) -> Array:
 
 
 def temperature(curve: Array, opening: Array) -> Array:
-    """T_sup at rest, °C, at openings (n, m, k), ended at 0 and 1.  curve: as of ``swings_of``."""
+    """T_sup at rest, °C, at openings (n, m, k), ended at 0 and 1.  curve: the same, from 0 to 1 by equal steps."""
     place = np.clip(opening, 0.0, 1.0) * (curve.shape[1] - 1)
     return between(curve, place.reshape(len(curve), -1)).reshape(opening.shape)
 
 
-def swings_of(curve: Array, T_sup: Array, gain: Array) -> Swings:
-    """Mean opening and gain of plants whose opening swings as a sine.
-
-    curve: T_sup at rest, °C, at openings from 0 to 1 by equal steps, (n, n_openings).  T_sup: the mean temperature that
-    is held, °C, (n,).  gain: of a small swing, K per unit opening, (n,).
-    """
+def swings_of(plants: Plants) -> tuple[Array, Array]:
+    """Mean opening that holds T_sup, and gain over that at rest, where the opening swings by AMPLITUDES: (n, 28)."""
+    curve, T_sup = plants.curve, plants.T_sup[:, None]
     sign = np.sign(curve[:, -1] - curve[:, 0])[:, None]
     low = np.broadcast_to(-AMPLITUDES, (curve.shape[0], AMPLITUDES.size))
     high = np.broadcast_to(1.0 + AMPLITUDES, low.shape)
     swing = AMPLITUDES[:, None] * _NODES
     for _ in range(_MEAN_HALVINGS):
         mean = 0.5 * (low + high)
-        below = sign * (temperature(curve, mean[:, :, None] + swing).mean(axis=2) - T_sup[:, None]) < 0.0
+        below = sign * (temperature(curve, mean[:, :, None] + swing).mean(axis=2) - T_sup) < 0.0
         low, high = np.where(below, mean, low), np.where(below, high, mean)
     mean = 0.5 * (low + high)
     over = (temperature(curve, mean[:, :, None] + swing) * _NODES).mean(axis=2) * 2.0 / AMPLITUDES
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = over / gain[:, None]
-    return Swings(mean, np.where(np.isfinite(relative), relative, 0.0))
+        relative = over / plants.gain[:, None]
+    return mean, np.where(np.isfinite(relative), relative, 0.0)
 
 
 SMALLEST = 2e-4
@@ -291,50 +224,92 @@ _SURE_OF_SMOOTH = 4.0  # the smooth compensation counts as the inverse where u m
 
 
 class Elements(NamedTuple):
-    """Of each loop, (n, 1): what a turn of u meets on its way to the opening, fractions of stroke.
+    """Of each loop, (n, 1): its PI, and what u meets on its way to the temperature, fractions of stroke.
 
+    kp, ti, sample_time, backlash, stroke_time: the parameters.  sign: of the error per K of T_sup.
     width, wait: of ``describing_function``, in u.  slope: of the compensation; 1 without one.  offset: of the middle
-    of u above that of the stem.  late: seconds after a
-    turn until the valve may move, whatever the amplitude: an inverse sees a turn half a sample late, and its jump takes
-    the motor a while.  backlash, stroke_time, sample_time: the parameters.
+    of u above that of the stem.  late: seconds after a turn until the valve may move, whatever the amplitude: an
+    inverse sees a turn half a sample late, and its jump takes the motor a while.
+    swing_mean, swing_gain: of ``swings_of``, (n, 28).
     """
 
+    kp: Array
+    ti: Array
+    sample_time: Array
+    backlash: Array
+    stroke_time: Array
+    sign: Array
     width: Array
     wait: Array
     slope: Array
     offset: Array
     late: Array
-    backlash: Array
-    stroke_time: Array
-    sample_time: Array
+    swing_mean: Array
+    swing_gain: Array
 
     @classmethod
-    def of(cls, columns: Columns) -> Elements:
-        """Of loops with these parameters, (n,) each."""
-        x_bl, stroke = (np.asarray(columns[name], float) for name in ("backlash", "stroke_time"))
+    def of(cls, columns: Columns, plants: Plants) -> Elements:
+        """Of loops with these parameters, (n,) each, and plants."""
+        given = tuple(np.asarray(columns[name], float) for name in cls._fields[:5])
+        _, _, period, x_bl, stroke = given
+        sign = np.where(np.asarray(columns["action"]) == "heating", -1.0, 1.0)
         x_hat = _assumed(columns)
         is_additive = np.asarray(columns["compensation"]) == "additive"
         is_smooth = np.asarray(columns["compensation"]) == "smooth"
         slope = np.where(is_additive, 1.0, 1.0 - x_hat)
         width = (x_bl - x_hat) / slope
         buffer = np.where(is_smooth, 0.0, _buffer(columns))
-        period = np.asarray(columns["sample_time"], float)
         late = np.where(x_hat > 0.0, 0.5 * period + np.minimum(x_hat, x_bl) * stroke, 0.0)
-        offset = 0.5 * np.where(is_additive, x_bl, (x_bl - x_hat) / slope)
-        parts = (width, np.maximum(width, buffer), slope, offset, late, x_bl, stroke, period)
-        return cls(*(np.asarray(part, float)[:, None] for part in parts))
+        offset = 0.5 * np.where(is_additive, x_bl, width)
+        parts = (*given, sign, width, np.maximum(width, buffer), slope, offset, late)
+        return cls._make([*(np.asarray(part, float)[:, None] for part in parts), *swings_of(plants)])
+
+    def some(self, members: Index) -> Elements:
+        """Those of the loops ``members``."""
+        return Elements._make(field[members] for field in self)
+
+    def swing(self, amplitude: Array) -> tuple[Array, Array]:
+        """Mean opening and relative gain at amplitudes of the opening, (n, n_amplitudes)."""
+        ratio = np.log(AMPLITUDES[1] / AMPLITUDES[0])
+        place = np.clip(np.log(np.maximum(amplitude, AMPLITUDES[0]) / AMPLITUDES[0]) / ratio, 0.0, AMPLITUDES.size - 1)
+        return between(self.swing_mean, place), between(self.swing_gain, place)
+
+    def parts(self, amplitude: Array, w: Array) -> tuple[Array, Array]:
+        """Amplitudes of the proportional and the integral part that together would swing u by ``amplitude``."""
+        ratio = self.sample_time / self.ti / (1.0 - np.exp(-1j * w * self.sample_time))
+        return amplitude / np.abs(1.0 + ratio), amplitude * np.abs(ratio / (1.0 + ratio))
+
+    def passed(self, amplitude: Array, w: Array, plants: Plants) -> tuple[Complex, Array]:
+        """Fundamental of u over that of a PI without ends, and the mean error over its amplitude: (n, m) each."""
+        proportional, integral = self.parts(amplitude, w)
+        low, high = -np.ones(amplitude.shape), np.ones(amplitude.shape)
+        for _ in range(_BIAS_HALVINGS):
+            bias = 0.5 * (low + high)
+            opening = self.opening(driven(proportional, integral, bias))
+            mean = temperature(plants.curve, opening.reshape(STEPS, -1).T.reshape(*amplitude.shape, STEPS)).mean(axis=2)
+            # the colder the air, the smaller the error that a cooling valve sees
+            above = self.sign * (mean - plants.T_sup[:, None]) > bias * proportional / self.kp
+            low, high = np.where(above, bias, low), np.where(above, high, bias)
+        bias = 0.5 * (low + high)
+        u = driven(proportional, integral, bias)
+        fundamental = 2j / STEPS * np.tensordot(np.exp(-1j * _PHASE), u, axes=1)
+        return fundamental / (proportional - 1j * integral), bias
+
+    def opening(self, u: Array) -> Array:
+        """Opening at rest that belongs to u, behind a gap in whose middle the motor stands."""
+        return np.asarray((u - self.offset) * self.slope / (1.0 - self.backlash))
 
     def amplitudes(self, most: float, n: int) -> Array:
         """Amplitudes of u, (n_loops, n): from where the first movement passes to ``most``, by equal ratios."""
         least = np.maximum(0.5005 * self.wait, SMALLEST)
         return np.asarray(least * (most / least) ** np.linspace(0.0, 1.0, n))
 
-    def mean(self, amplitude: Array, swings: Swings) -> Array:
+    def mean(self, amplitude: Array) -> Array:
         """Mean of u, (n, n_amplitudes), that holds the set-point."""
         gap = np.abs(describing_function(amplitude, self.width, self.wait))
-        return np.asarray(swings.at(amplitude * gap)[0] * (1.0 - self.backlash) / self.slope + self.offset)
+        return np.asarray(self.swing(amplitude * gap)[0] * (1.0 - self.backlash) / self.slope + self.offset)
 
-    def describe(self, amplitude: Array, w: Array, swings: Swings, passed: Array | Complex) -> Complex:
+    def describe(self, amplitude: Array, w: Array, passed: Array | Complex) -> Complex:
         """N, per (1 - X) of opening and relative to the plant's gain at rest, so that L N is the loop.
 
         Limits of u, of the motor's speed, gap and the plant's curve change the sine one after the other, each as if
@@ -350,7 +325,7 @@ class Elements(NamedTuple):
         turned = amplitude * np.abs(moved)
         wait = np.maximum(self.wait, turned * (1.0 - np.cos(np.minimum(w * self.late, np.pi))))
         stem = self.slope * describing_function(turned, np.minimum(self.width, wait), wait)
-        gain = swings.at(turned * np.abs(stem) / (1.0 - self.backlash))[1]
+        gain = self.swing(turned * np.abs(stem) / (1.0 - self.backlash))[1]
         return np.asarray(moved * on_its_way * stem * gain)
 
 

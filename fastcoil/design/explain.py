@@ -10,44 +10,12 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, whole_of
-from fastcoil.base.arrays import Array
 from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.base.text import aligned
-from fastcoil.design.advice import (
-    AS_IS,
-    GAINS,
-    LONGER_TI,
-    REPAIRED,
-    SEEN,
-    UNSURE,
-    Advice,
-    Trial,
-    advise,
-    cures_of,
-    kelvin,
-    number,
-    options_of,
-    per_cent,
-    seconds,
-    try_cures,
-    verdict,
-    with_simulated_gains,
-)
+from fastcoil.base.text import aligned, kelvin, number, per_cent, seconds
+from fastcoil.design.advice import AS_IS, GAINS, LONGER_TI, LOST, REPAIRED, UNSURE, Advice, Trial, find_cures
 from fastcoil.design.limit_cycle import HUNTS_ABOVE
 from fastcoil.design.operating_points import operating_points
-from fastcoil.design.prediction import (
-    PARTS,
-    Prediction,
-    acts_wrong_way,
-    cycles_at,
-    left_out,
-    nearest_linear,
-    phase_shares,
-    predict,
-    shortest_ti,
-    why_no_margin,
-    why_not_linear,
-)
+from fastcoil.design.prediction import PARTS, Prediction, cycles_at, left_out, phase_shares, predict_any, shortest_ti
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.plan import plan_simulation
@@ -59,7 +27,6 @@ if TYPE_CHECKING:
 
 LONGEST = 7 * 86400
 """Seconds of a boundary that is explained: the operating points are reported one by one."""
-_LOST = 0.5  # share of the time off the set-point from which a loop does not control
 
 
 def explain(
@@ -113,30 +80,13 @@ def explain(
     if loop["estimate_ratio"] is not None:  # a cure may change the backlash, or the estimate
         loop = loop.assign(backlash_estimate=loop["estimate_ratio"] * loop["backlash"])  # type: ignore[operator]
     points = operating_points(boundary, warm_up, second)
-    doubts = why_not_linear(loop)
-    prediction = predict(nearest_linear(loop) if doubts else loop, points)
-    doubts = doubts or why_no_margin(prediction)
-    has_theory = not doubts
-    if prediction.worst < 0:  # gains are tried whatever compensates
-        prediction = predict(nearest_linear(loop), points)
-    if acts_wrong_way(prediction):
-        action = "cooling" if loop["action"] == "heating" else "heating"
-        prediction = predict(nearest_linear(prediction.loop.assign(action=action)), points)
-    trial = Trial(loop, boundary, points, prediction if has_theory else None, warm_up, seed)
-    tried = cures_of(loop, prediction, has_theory=has_theory)
-    cures = try_cures(trial, tried)
-    if cures["hunting"][0] and not (cures["hunting"] == 0.0)[np.isin(cures["cure"], GAINS)].any():
-        cures = try_cures(trial, with_simulated_gains(trial, tried))
-    options = options_of(cures)
-    cures = cures.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
-    advice = advise(options, holds=not cures["share_off"][0] > _LOST, least=SEEN)
-    if not has_theory:
-        return Explanation(doubts, None, None, cures, advice, loop, boundary, None)
-    found = _points_of(prediction, cures["swings"].values[0])
-    return Explanation(left_out(prediction), phase_shares(prediction), found, cures, advice, loop, boundary, prediction)
+    prediction, doubts = predict_any(loop, points)
+    trial = Trial(loop, boundary, points, None if doubts else prediction, warm_up, seed)
+    cures, advice = find_cures(trial, prediction)
+    return Explanation(doubts or left_out(prediction), cures, advice, loop, boundary, trial.prediction)
 
 
-def _points_of(prediction: Prediction, swings: Array) -> xr.Dataset:
+def _points_of(prediction: Prediction, simulated: xr.Dataset) -> xr.Dataset:
     """The operating points with their margins, and the swing simulated at each, K."""
     points, plants, cycles = prediction.points, prediction.plants, prediction.cycles
     kelvin, second = {"units": "K"}, {"units": "s"}
@@ -152,7 +102,7 @@ def _points_of(prediction: Prediction, swings: Array) -> xr.Dataset:
             "hunts": ("point", cycles.hunts),
             "period": ("point", cycles.period, second),
             "amplitude": ("point", cycles.amplitude, kelvin | {"long_name": "half of peak to peak"}),
-            "swing": ("point", swings, kelvin | {"long_name": "simulated, peak to peak"}),
+            "swing": ("point", simulated["swings"].values[0], kelvin | {"long_name": "simulated, peak to peak"}),
         }
     )
 
@@ -189,13 +139,21 @@ class Explanation:
     """
 
     doubts: tuple[str, ...]
-    phase: xr.DataArray | None
-    points: xr.Dataset | None
     simulated: xr.Dataset  # the cures with their traces
     advised: Advice
     loop: Loop
     boundary: Boundary
     prediction: Prediction | None
+
+    @property
+    def phase(self) -> xr.DataArray | None:
+        """Degrees that each part of the loop takes."""
+        return None if self.prediction is None else phase_shares(self.prediction)
+
+    @property
+    def points(self) -> xr.Dataset | None:
+        """The operating points of the day."""
+        return None if self.prediction is None else _points_of(self.prediction, self.simulated)
 
     @property
     def cures(self) -> xr.Dataset:
@@ -276,10 +234,11 @@ class Explanation:
     def text(self) -> str:
         """The explanation in plain sentences, the answer first."""
         lines = [self.answer, self.why]
-        if self.points is not None and self.phase is not None:
-            lines += [_agreement(self, self.points), _where(self, self.points)]
+        if self.prediction is not None:
+            points = _points_of(self.prediction, self.simulated)
+            lines += [_agreement(self, points), _where(self.prediction, points)]
             lines += [f"Not in the margin: {clause}." for clause in self.doubts]
-            lines += ["", *_phase(self.phase)]
+            lines += ["", *_phase(phase_shares(self.prediction))]
         return "\n".join([*lines, "", *_table(self), self.advice]).rstrip()
 
     def __repr__(self) -> str:
@@ -313,7 +272,7 @@ class Explanation:
         if self.hunts:
             more = f"; {self._chatter}" if self._chatter else ""
             return f"This loop will hunt{' for a part of the day' * self._in_part}: {self.shows()}{more}."
-        if self.simulated["share_off"][0] > _LOST:
+        if self.simulated["share_off"][0] > LOST:
             error = kelvin(float(self.cures["rmse"][0]))
             return f"This loop will not hunt, but it does not hold its set-point either: its RMS error is {error}."
         if self._chatter:
@@ -406,10 +365,9 @@ def _agreement(e: Explanation, points: xr.Dataset) -> str:
     return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
 
 
-def _where(e: Explanation, points: xr.Dataset) -> str:
+def _where(prediction: Prediction, points: xr.Dataset) -> str:
     """Which operating point is quoted, what happens there, and how the margin differs over the day."""
-    assert e.prediction is not None
-    at, margin = points.isel(point=e.prediction.worst), points["margin"].values[e.prediction.reached]
+    at, margin = points.isel(point=prediction.worst), points["margin"].values[prediction.reached]
     place = f"{float(at['T_set']):.3g} °C, {float(at['start']) / 3600.0:.3g} h after the start"
     place += f" (opening {100 * float(at['opening']):.0f} %)"
     swing, shown = 2.0 * float(at["amplitude"]), float(at["swing"])
@@ -419,7 +377,7 @@ def _where(e: Explanation, points: xr.Dataset) -> str:
         return f"Where: at {place}."
     return (
         f"Where: worst at {place}.  Over the day the margin goes from {margin.min():.2g} to {margin.max():.2g}, and "
-        f"{e.prediction.hunting.size} of {margin.size} operating points are predicted to hunt."
+        f"{prediction.hunting.size} of {margin.size} operating points are predicted to hunt."
     )
 
 

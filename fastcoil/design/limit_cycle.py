@@ -15,31 +15,10 @@ import xarray as xr
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError
 from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, apply_style, wrapped
-from fastcoil.design.describing_function import (
-    Elements,
-    LimitedPI,
-    Swings,
-    amplitude_of,
-    between,
-    limited,
-    part_of,
-    refined,
-    swings_of,
-    too_smooth,
-    unknown,
-)
+from fastcoil.design.describing_function import Elements, amplitude_of, between, limited, refined, too_smooth, unknown
 from fastcoil.design.linearise import at_180
 from fastcoil.design.operating_points import OperatingPoints, require_pi
-from fastcoil.design.plants import (
-    Columns,
-    Complex,
-    Plants,
-    distinct,
-    driven_gain,
-    frequency_response,
-    loop_response,
-    plants_of,
-)
+from fastcoil.design.plants import Columns, Complex, Plants, distinct, driven_gain, frequency_response, loop_response
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.labels import label_in_words
 from fastcoil.loops.loop import Loop
@@ -240,15 +219,14 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     w = np.geomspace(_SLOWEST, np.pi / period, _FREQUENCIES)
     L = loop_response(columns, plants, w)
     plants = plants._replace(curve=refined(plants.curve))
-    elements, swings = Elements.of(columns), swings_of(plants.curve, plants.T_sup, plants.gain)
+    elements = Elements.of(columns, plants)
     A = elements.amplitudes(MOST, _AMPLITUDES)
-    pi = LimitedPI.of(columns, elements)
-    of = _balanced(w, L, elements, swings, A, pi, plants)
+    of = _balanced(w, L, elements, A, plants)
     at = frequency(w, of.place)
     T = A * of.size * _response(plants, w, of.place) / (1.0 - elements.backlash)
     T *= np.abs(np.sinc(at * period / (2.0 * np.pi)))
-    points = Points(*(_in_a_row(np.broadcast_to(values, T.shape)) for values in (of.product, at, A, T)))
-
+    whole = Points(of.product, at, np.broadcast_to(A, T.shape), T)
+    points = Points(*map(_in_a_row, whole))
     rows = np.arange(A.shape[0])
     best = np.where(points.T <= DISTURBANCE, points.product, 0.0).argmax(axis=1)
     # without a gap, that of the smallest swing: the linear loop's
@@ -260,16 +238,15 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     shaped = (points.u < OF_A_GAP * elements.width) & (points.product > HUNTS_ABOVE)
     slow = np.where(shaped, points.product, 0.0).argmax(axis=1)
     lingers = shaped[rows, slow]
-    goes_on, cycle = started(Points(of.product, at, np.broadcast_to(A, T.shape), T), DISTURBANCE)
+    goes_on, cycle = started(whole, DISTURBANCE)
     lingering = Points(*(values[rows, slow] for values in points))
     cycle = Points(*(np.where(goes_on, values, late) for values, late in zip(cycle, lingering, strict=True)))
     swing = np.full(A.shape[0], np.nan)
 
     def seen(found: Index) -> Mask:
         if found.size:
-            u, part = cycle.u[found, None], part_of(elements, found)
-            mean = part.mean(u, part_of(swings, found))
-            swing[found] = amplitude_of(u, mean, cycle.w[found, None], part_of(pi, found), part, plants.some(found))
+            u, part = cycle.u[found, None], elements.some(found)
+            swing[found] = amplitude_of(u, part.mean(u), cycle.w[found, None], part, plants.some(found))
         return 2.0 * swing > HUNTING_SWING
 
     hunts = seen(np.flatnonzero(goes_on | lingers))
@@ -290,30 +267,28 @@ def _of_one_period(columns: Columns, plants: Plants, period: float) -> Cycles:
     )  # fmt: skip
 
 
-def _balanced(
-    w: Array, L: Complex, elements: Elements, swings: Swings, A: Array, pi: LimitedPI, plants: Plants
-) -> Balance:
+def _balanced(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants) -> Balance:
     """Balance of the loops; where the integral reaches an end, again with what that changes, at the frequency found."""
-    mean = elements.mean(A, swings)
+    mean = elements.mean(A)
     passed = limited(A, -mean, 1.0 - mean).astype(complex)
 
     def of(some: Index) -> Balance:
-        part, of_part, A_part, passed_part = part_of(elements, some), part_of(swings, some), A[some], passed[some]
+        part, A_part, passed_part = elements.some(some), A[some], passed[some]
         leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed_part).max(axis=1) > 0.0)
         lead = np.where(leads, 0.5 * np.pi, 0.0)
-        return balance(w, L[some], lambda at: part.describe(A_part, at, of_part, passed_part), _AMPLITUDES, lead)
+        return balance(w, L[some], lambda at: part.describe(A_part, at, passed_part), _AMPLITUDES, lead)
 
     found = of(np.arange(A.shape[0]))
     room = np.minimum(mean, 1.0 - mean)
-    reaches = pi.parts(A, frequency(w, found.place[0]))[1] > room
+    reaches = elements.parts(A, frequency(w, found.place[0]))[1] > room
     ended = np.flatnonzero((reaches & (found.product[0] > _NEAR_ONE)).any(axis=1))
     for _ in range(ROUNDS if ended.size else 0):
         at = frequency(w, found.place[0][ended])
-        of_pi = part_of(pi, ended)
-        reaches = of_pi.parts(A[ended], at)[1] > room[ended]
-        passed[ended] = np.where(reaches, of_pi.passed(A[ended], at, plants.some(ended))[0], passed[ended])
-        for values, part in zip(found, of(ended), strict=True):
-            values[:, ended] = part
+        part = elements.some(ended)
+        reaches = part.parts(A[ended], at)[1] > room[ended]
+        passed[ended] = np.where(reaches, part.passed(A[ended], at, plants.some(ended))[0], passed[ended])
+        for values, again in zip(found, of(ended), strict=True):
+            values[:, ended] = again
     return found
 
 
@@ -469,8 +444,7 @@ def _loops(loop: Loop, boundary: Boundary, at: Any) -> Iterator[tuple[str, Colum
     if points.size > len(COLOURS):
         raise InputError(f"{points.size} loops: a figure shows up to {len(COLOURS)}, select some")
     index = np.arange(points.size)
-    columns = points.columns(index)
-    plants = plants_of(columns, points.conditions(index))
+    columns, plants = points.columns(index), points.plants(index)
     labelled = points.dataset({})
     for k, place in enumerate(np.ndindex(*points.sizes.values())):
         labels = [label_in_words(labelled, dim, i) for dim, i in zip(points.sizes, place, strict=True)]
@@ -483,8 +457,8 @@ def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
     """-1/N over the amplitude of u, at a frequency [rad/s]; empty where theory says nothing."""
     if not math.isfinite(at):
         return np.empty(0, complex)
-    elements, swings = Elements.of(columns), swings_of(plant.curve, plant.T_sup, plant.gain)
+    elements = Elements.of(columns, plant)
     amplitudes = elements.amplitudes(MOST, _OF_ELEMENT)
-    mean = elements.mean(amplitudes, swings)
-    N = elements.describe(amplitudes, np.array(at), swings, limited(amplitudes, -mean, 1.0 - mean))[0]
+    mean = elements.mean(amplitudes)
+    N = elements.describe(amplitudes, np.array(at), limited(amplitudes, -mean, 1.0 - mean))[0]
     return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST])

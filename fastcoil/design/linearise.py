@@ -54,10 +54,8 @@ def margins_of(columns: Columns, plants: Plants) -> Margins:
     found = Margins(*(np.full(n, math.nan) for _ in Margins._fields))
     periods = np.asarray(columns["sample_time"], float)
     gain = driven_gain(columns, plants)
-    for period in np.unique(periods):
+    for period in np.unique(periods[gain > 0.0]):
         members = np.flatnonzero((periods == period) & (gain > 0.0))
-        if not members.size:
-            continue
         some = {name: values[members] for name, values in columns.items()}
         of_some = plants.some(members)
         w = np.geomspace(_LOWEST, math.pi / period, _MARGIN_FREQUENCIES)

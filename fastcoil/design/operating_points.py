@@ -59,14 +59,11 @@ class OperatingPoints:
 
     def evaluated(self, variables: Evaluation) -> dict[str, Array]:
         """Variables of all points, (size, …) each, computed in parts that fit into memory."""
-        found: dict[str, Array] = {}
+        parts = []
         for index in chunks(self.size):
             columns, conditions = self.columns(index), self.conditions(index)
-            for name, values in variables(columns, conditions, plants_of(columns, conditions)):
-                if name not in found:
-                    found[name] = np.empty((self.size, *values.shape[1:]), values.dtype)
-                found[name][index] = values
-        return found
+            parts.append(dict(variables(columns, conditions, plants_of(columns, conditions))))
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def columns(self, index: Index) -> dict[str, np.ndarray]:
         """Every parameter at the points ``index``, see ``columns_of``."""
@@ -80,16 +77,16 @@ class OperatingPoints:
         at = place.get("day", nothing), place.get("elapsed_time", nothing)
         return {name: values[at] for name, values in self._entering.items()}
 
-    def _coordinates(self) -> dict[str, xr.DataArray]:
-        labels = {n: c for n, c in self._layout.coordinates().items() if n != "day" or "day" in self.sizes}
-        if self.seconds is not None:
-            dims = ("elapsed_time",) if self.has_times else ()
-            labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
-        return labels
+    def plants(self, index: Index) -> Plants:
+        """The plants at the points ``index``, at rest."""
+        return plants_of(self.columns(index), self.conditions(index))
 
     def dataset(self, variables: Mapping[str, tuple[Array, Mapping[str, Any]]]) -> xr.Dataset:
         """Name results, each (size, …) with its attributes; dims behind the first are in ``attrs["dims"]``."""
-        labels = self._coordinates()
+        labels = self._layout.coordinates()
+        if self.seconds is not None:
+            dims = ("elapsed_time",) if self.has_times else ()
+            labels["elapsed_time"] = xr.DataArray(self.seconds.astype(float).reshape(-1 if dims else ()), dims=dims)
         clash = sorted({*labels, *self.sizes} & variables.keys())
         if clash:
             raise InputError(f"{clash[0]} is swept, and a result has that name: give the dimension another name")

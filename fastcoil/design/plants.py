@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Index, Mask
-from fastcoil.model.engine.at_rest import (
-    CONDITIONS,
-    FEW,
-    SLOWEST,
-    STATES,
-    STEADY,
-    find_rest,
-    linearise_step,
-    respond,
-    rest_curve,
-)
-from fastcoil.model.engine.lanes import Block, blocks, parameter_matrix, work_space
+from fastcoil.model.engine import at_rest
+from fastcoil.model.engine.lanes import Block, padded, parameter_matrix, run_sets, work_space
 from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -47,13 +37,11 @@ def frequency_response(response: Array, w: Array, ratio: Array | None = None) ->
 
 def _last_ratio(changes: Array) -> Array:
     """Ratio of successive changes at the end of a response, (n,), between 0 and ``SLOWEST``."""
-    few = min(FEW, changes.shape[1] - 1)
-    if few < 1:
-        return np.zeros(changes.shape[0])
+    few = min(at_rest.FEW, changes.shape[1] - 1)
     last, before = changes[:, -1], changes[:, -1 - few]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where((last * before > 0.0), np.abs(last / before) ** (1.0 / few), 0.0)
-    return np.minimum(ratio, SLOWEST)
+    return np.minimum(ratio, at_rest.SLOWEST)
 
 
 def _continued(response: Array, more: int) -> tuple[Array, Array]:
@@ -163,12 +151,22 @@ def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     W_a_in, kg/kg; they are held until all is steady.
     """
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
-    found, response, curve = _march(matrix, entering, T_set)
-    of = {name: found[k][same] for k, name in enumerate(STEADY)}
+
+    def run(block: Block, members: Index) -> list[np.ndarray]:
+        of_lanes, rest, S, V = _rest(block, members, entering, T_set)
+        response, ends, curve = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64), np.empty((OPENINGS.size, LANES))
+        at_rest.respond(block.rows, block.common, of_lanes, rest, V.copy(), S, V, _TOLERANCE, response, ends)
+        at_rest.rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, curve)
+        return [rest, response, ends, curve]
+
+    found, response, ends, curve = run_sets(matrix, run)
+    of = {name: found[k][same] for k, name in enumerate(at_rest.STEADY)}
+    # the series shows its ratio, however many other responses are longer
+    response = np.ascontiguousarray(response[: int(ends.max()) + at_rest.FEW + 1].T)
     return Plants(
         of["opening"], of["T_sup"], of["gain"], of["nearest"] == 0.0, of["m_w"], of["wet_volumes"],
         np.broadcast_to(response, (same.size, response.shape[1])) if T_set.size == 1 else response[same], same,
-        curve[same],
+        np.ascontiguousarray(curve.T)[same],
     )  # fmt: skip
 
 
@@ -183,7 +181,7 @@ def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[
     filled |= {name: np.zeros(n) for name in PARAMETER_ROWS if name not in filled}
     filled["estimator"] = np.full(n, "none")
     matrix = parameter_matrix(filled | {name: columns[name] for name in PLANT})
-    entering = np.stack([np.asarray(conditions[name], float) for name in CONDITIONS])
+    entering = np.stack([np.asarray(conditions[name], float) for name in at_rest.CONDITIONS])
     T_set = np.asarray(conditions["T_set"], float)
     first, same = distinct(matrix, entering, T_set)
     return matrix[:, first], entering[:, first], T_set[first], same
@@ -237,36 +235,17 @@ def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, 
     return P, which
 
 
-def _rests(matrix: Array, entering: Array, T_set: Array) -> Iterator[tuple[Index, Block, Array, Array, Array, Array]]:
-    """The plants at rest, block by block: members, block, entering, STEADY of the lanes, and the work space S and V."""
-    for members, block in blocks(matrix):
-        padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
-        S, V, *_ = work_space(block)
-        found, of_lanes = np.empty((len(STEADY), LANES)), np.ascontiguousarray(entering[:, padded])
-        find_rest(block.rows, block.common, of_lanes, T_set[padded], S, V, found)
-        yield members, block, of_lanes, found, S, V
-
-
-def _march(matrix: Array, entering: Array, T_set: Array) -> tuple[Array, Array, Array]:
-    """What STEADY names, (len(STEADY), n), the responses, (n, n_steps), and T_sup at the OPENINGS, (n, 17)."""
-    n = T_set.size
-    found, whole, n_steps = np.empty((len(STEADY), n)), np.empty((n, LONGEST)), 1
-    curve, of_curve = np.empty((n, OPENINGS.size)), np.empty((OPENINGS.size, LANES))
-    for members, block, of_lanes, rest, S, V in _rests(matrix, entering, T_set):
-        response, ends = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64)
-        respond(block.rows, block.common, of_lanes, rest, V.copy(), S, V, _TOLERANCE, response, ends)
-        rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, of_curve)
-        curve[members] = of_curve[:, : members.size].T
-        found[:, members] = rest[:, : members.size]
-        whole[members] = response[:, : members.size].T
-        n_steps = max(n_steps, int(ends.max()))
-    # the series shows its ratio, however many other responses are longer
-    return found, whole[:, : n_steps + FEW + 1], curve
+def _rest(block: Block, members: Index, entering: Array, T_set: Array) -> tuple[Array, Array, Array, Array]:
+    """Bring a block to rest: what enters, STEADY of its lanes, and the work space S and V."""
+    lanes, (S, V, *_) = padded(members), work_space(block)
+    found, of_lanes = np.empty((len(at_rest.STEADY), LANES)), np.ascontiguousarray(entering[:, lanes])
+    at_rest.find_rest(block.rows, block.common, of_lanes, T_set[lanes], S, V, found)
+    return of_lanes, found, S, V
 
 
 def state_names(n_volumes: int) -> tuple[str, ...]:
     """T_w_1 … T_w_N, T_c, T_a, K, and W_a, kg/kg; T_sup is T_a_1."""
-    return tuple(f"{name}_{i}" for name in STATES for i in range(1, n_volumes + 1))
+    return tuple(f"{name}_{i}" for name in at_rest.STATES for i in range(1, n_volumes + 1))
 
 
 def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -276,12 +255,13 @@ def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[A
     columns, conditions: as for ``plants_of``; all with one number of volumes N.
     """
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
-    n, n_volumes = T_set.size, int(columns["n_volumes"][0])
-    size = len(STATES) * n_volumes
-    A, B = np.empty((n, size, size)), np.empty((n, size))
-    for members, block, of_lanes, rest, S, V in _rests(matrix, entering, T_set):
-        of_A, of_B = np.empty((size, size, LANES)), np.empty((size, LANES))
-        linearise_step(block.rows, block.common, of_lanes, rest, V.copy(), S, V, of_A, of_B)
-        A[members] = np.moveaxis(of_A, 2, 0)[: members.size]
-        B[members] = of_B.T[: members.size]
-    return A[same], B[same]
+    size = len(at_rest.STATES) * int(columns["n_volumes"][0])
+
+    def run(block: Block, members: Index) -> list[np.ndarray]:
+        of_lanes, rest, S, V = _rest(block, members, entering, T_set)
+        A, B = np.empty((size, size, LANES)), np.empty((size, LANES))
+        at_rest.linearise_step(block.rows, block.common, of_lanes, rest, V.copy(), S, V, A, B)
+        return [A, B]
+
+    A, B = run_sets(matrix, run)
+    return np.moveaxis(A, 2, 0)[same], B.T[same]

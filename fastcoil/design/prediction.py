@@ -70,6 +70,19 @@ def predict(loop: Loop, points: PointsOfDay) -> Prediction:
     return Prediction(loop, points, plants, cycles, reached, worst)
 
 
+def predict_any(loop: Loop, points: PointsOfDay) -> tuple[Prediction, tuple[str, ...]]:
+    """Predict a loop, or the nearest one for which theory holds; and why it is not the loop itself, a clause each."""
+    doubts = why_not_linear(loop)
+    prediction = predict(nearest_linear(loop) if doubts else loop, points)
+    doubts = doubts or why_no_margin(prediction)
+    if prediction.worst < 0:  # gains are tried whatever compensates
+        prediction = predict(nearest_linear(loop), points)
+    if acts_wrong_way(prediction):
+        action = "cooling" if loop["action"] == "heating" else "heating"
+        prediction = predict(nearest_linear(prediction.loop.assign(action=action)), points)
+    return prediction, doubts
+
+
 def cycles_at(loop: Loop, plants: Plants, which: Index) -> Cycles:
     """Cycles of every scenario of a sweep at some operating points, (n_scenarios, n_points) each.
 
@@ -254,8 +267,7 @@ def predictions(plan: Plan) -> xr.Dataset:
             found[name][seen] = np.char.mod(_DIGITS, value).astype(float)
     ds = xr.Dataset()
     for name, flat in found.items():
-        values = xr.DataArray(flat.reshape(tuple(alike.values())), dims=tuple(alike))
-        whole = values.expand_dims({d: k for d, k in sizes.items() if d not in alike}).transpose(*sizes)
-        ds[name] = (tuple(sizes), np.array(whole.values), attributes(PREDICTIONS[name]))
+        whole = np.repeat(flat, sizes.get("replicate", 1)).reshape(tuple(sizes.values()))
+        ds[name] = (tuple(sizes), whole, attributes(PREDICTIONS[name]))
     note = "; ".join(f"{reason}: {count:,} of {n:,}" for reason, count in reasons.items() if count)
     return ds.assign_attrs({"prediction_note": f"theory says nothing: {note}"} if note else {})

@@ -13,26 +13,12 @@ from fastcoil.base.arrays import Array, Index
 from fastcoil.base.errors import InputError
 from fastcoil.base.progress import Shown, progress_of_call
 from fastcoil.design.measures import resolved, violation, with_intervals
-from fastcoil.design.tuning_plan import (
-    EVALUATIONS,
-    OBJECTIVE,
-    QUANTILE,
-    Asked,
-    Group,
-    effort,
-    measured,
-    own_gains,
-    plan_tuning,
-    tried,
-)
+from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE, Asked, Group, own_gains, plan_tuning, tried
 from fastcoil.design.tuning_result import CHOSEN, NOW, SIMC, Tuning, notes_on
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import workers
 from fastcoil.model.metric_table import WARM_UP
-
-Report = Callable[[int, int], object]
-"""Called with how many tunings were tried, and of how many."""
 
 _MOST_ON_FRONT = 20
 
@@ -51,7 +37,7 @@ def tune(
     seed: int = 0,
     replicates: int = 1,
     n_jobs: int | None = None,
-    progress: bool | Report | None = None,
+    progress: bool | None = None,
 ) -> Tuning:
     """Choose settings of a controller for all valves of ``loop`` on all days of ``boundary``, and try them on others.
 
@@ -78,15 +64,12 @@ def tune(
     evaluations
         Tunings that are tried, rounded to whole generations; the last quarter of them looks for the front of error
         against motor travel.
-    warm_up, replicates
+    warm_up, replicates, progress
         As in ``simulate``.
     seed
         Of the measurement noise, of the valves that are set aside, and of the search.
     n_jobs
         Threads; all cores by default.  The result does not depend on it.
-    progress
-        As in ``simulate``; or a function that is called after each generation with how many tunings were tried, and
-        of how many.
 
     Returns
     -------
@@ -100,44 +83,29 @@ def tune(
     """
     with checking() as check:
         n_threads = check(workers, n_jobs)
-        if not callable(progress):
-            progress = check.unless_none(flag_of, "progress", progress)
+        progress = check.unless_none(flag_of, "progress", progress)
         asked = check(
             plan_tuning, loop, boundary, search=search, objective=objective, quantile=quantile, limits=limits,
             holdout=holdout, evaluations=evaluations, warm_up=warm_up, seed=seed, replicates=replicates,
         )  # fmt: skip
-    asked = asked._replace(n_jobs=n_threads)
-    if callable(progress):
-        return run_tuning(asked, progress)
     with progress_of_call(progress) as on_show:
-        return run_tuning(asked, in_scenario_days(asked, on_show))
+        return run_tuning(asked._replace(n_jobs=n_threads), on_show)
 
 
-def in_scenario_days(asked: Asked, on_show: Shown) -> Report:
-    """Show tunings as the scenario-days that they are."""
-    cases = asked.cases(asked.training)
-    advance, before = on_show.start(asked.planned * cases), 0
-
-    def report(done: int, _: int) -> None:
-        nonlocal before
-        advance((done - before) * cases)
-        before = done
-
-    return report
-
-
-def run_tuning(asked: Asked, progress: Report | None = None) -> Tuning:
+def run_tuning(asked: Asked, on_show: Shown) -> Tuning:
     """Search, choose, and try the choice on the hold-out."""
     measures, training = asked.measures, asked.training
-    asked = asked._replace(limits=resolved(asked.limits, measured(tried(asked, training, {}), measures)))
+    size, *generations = effort(len(asked.axes), asked.evaluations)
+    cases = len(training.members) * training.boundary.n_days * asked.replicates
+    advance = on_show.start(size * sum(generations) * cases)
+    asked = asked._replace(limits=resolved(asked.limits, measured(asked, training, {})))
     every: list[tuple[Array, dict[str, Array]]] = []
 
     def scored(points: Array) -> Scores:
         values = asked.values(points)
-        found = measured(tried(asked, training, asked.tunings(values)), measures)
+        found = measured(asked, training, asked.tunings(values))
         every.append((values, found))
-        if progress is not None:
-            progress(sum(len(of) for of, _ in every), asked.planned)
+        advance(len(values) * cases)
         return scores_of(asked, found)
 
     evolve(scored, _beginning(asked), len(asked.axes), asked.evaluations, asked.seed)
@@ -161,22 +129,19 @@ def run_tuning(asked: Asked, progress: Report | None = None) -> Tuning:
     meets_limits = float(scores.violation[at]) == 0.0
     trained, held_out = (_beside_now(asked, group, values[at]) for group in (training, asked.holdout))
     of_front = _dataset("point", asked, values[front], {name: each[front] for name, each in found.items()})
-    on_holdout = measured(tried(asked, asked.holdout, asked.tunings(values[front])), measures)
+    on_holdout = measured(asked, asked.holdout, asked.tunings(values[front]))
     for measure in measures:
         attrs = measure.attrs | {"long_name": f"{measure.words}, held out"}
         of_front[f"held_out_{measure.name}"] = ("point", on_holdout[measure.name], attrs)
-    return Tuning(
-        parameters,
-        meets_limits,
-        held_out,
-        trained,
-        of_front,
-        _dataset("evaluation", asked, values, found),
-        asked.goal,
-        asked.limits,
-        notes_on(asked, parameters, meets_limits, held_out),
-        (asked.error, asked.travel),
-    )
+    notes = notes_on(asked, parameters, meets_limits, held_out)
+    of_all, axes = _dataset("evaluation", asked, values, found), (asked.error, asked.travel)
+    return Tuning(parameters, meets_limits, held_out, trained, of_front, of_all, asked.goal, asked.limits, notes, axes)
+
+
+def measured(asked: Asked, group: Group, changes: Mapping[str, Any]) -> dict[str, Array]:
+    """The measures (n,) of a group with changes of its loop."""
+    cases = tried(asked, group, changes)
+    return {m.name: m.of(cases[m.metric].reshape(len(cases[m.metric]), -1)) for m in asked.measures}
 
 
 def scores_of(asked: Asked, found: Mapping[str, Array]) -> Scores:
@@ -233,6 +198,20 @@ class Scores(NamedTuple):
     travel: Array
 
 
+_LEAST = 8  # points of the smallest generation
+
+
+def effort(d: int, evaluations: int) -> tuple[int, int, int]:
+    """How ``evaluations`` points of ``d`` axes are spent.
+
+    Returns the points of a generation, the generations that seek the goal, the first one among them, and those that go
+    along the front, a quarter.
+    """
+    size = max(_LEAST, 4 * d)
+    generations = max(1, round(evaluations / size))
+    return size, generations - generations // 4, generations // 4
+
+
 _SCALE = (0.3, 0.8)  # factor of a difference, drawn anew for each trial
 _MIXED = 0.8  # share of the axes that a trial takes from the new point
 _SMALL, _BEYOND = 0.02, 0.5
@@ -240,8 +219,8 @@ _SMALL, _BEYOND = 0.02, 0.5
 _TINY = 1e-300
 
 
-def evolve(measured: Callable[[Array], Scores], first: Array, d: int, evaluations: int, seed: int) -> None:
-    """Search the unit cube by differential evolution, whole generations at once; ``measured`` keeps what is found.
+def evolve(scored: Callable[[Array], Scores], first: Array, d: int, evaluations: int, seed: int) -> None:
+    """Search the unit cube by differential evolution, whole generations at once; ``scored`` keeps what is found.
 
     Storn and Price (1997), doi:10.1023/A:1008202821328: a trial point is the best one plus a scaled difference of two
     others, mixed with the point that it may replace.  Of two points the one that breaks the limits less is better, then
@@ -249,18 +228,18 @@ def evolve(measured: Callable[[Array], Scores], first: Array, d: int, evaluation
     front.  SciPy's has the same idea; here the way taken depends on numpy's random numbers alone, so that another SciPy
     repeats it.
 
-    measured: points (n, d) → their scores.  first: points (n, d) to begin with, besides those that fill the cube.
+    scored: points (n, d) → their scores.  first: points (n, d) to begin with, besides those that fill the cube.
     evaluations: see ``effort``.
     """
     rng = np.random.default_rng([seed, 2])
     size, for_goal, for_front = effort(d, evaluations)
     points = np.concatenate([first, _filling(rng, size - len(first), d)])[:size]
-    scores = measured(points)
+    scores = scored(points)
     tried, of_tried = points, scores
 
     def try_more(trials: Array) -> Scores:
         nonlocal tried, of_tried
-        found = measured(trials)
+        found = scored(trials)
         tried = np.concatenate([tried, trials])
         of_tried = Scores(*map(np.concatenate, zip(of_tried, found, strict=True)))
         return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -124,18 +124,6 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
 
 OBJECTIVE, QUANTILE, EVALUATIONS = "rmse", 0.95, 240
 MOST_EVALUATIONS = 100_000
-_LEAST = 8  # points of the smallest generation
-
-
-def effort(d: int, evaluations: int) -> tuple[int, int, int]:
-    """How ``evaluations`` points of ``d`` axes are spent.
-
-    Returns the points of a generation, the generations that seek the goal, the first one among them, and those that go
-    along the front, a quarter.
-    """
-    size = max(_LEAST, 4 * d)
-    generations = max(1, round(evaluations / size))
-    return size, generations - generations // 4, generations // 4
 
 
 class Asked(NamedTuple):
@@ -165,16 +153,6 @@ class Asked(NamedTuple):
     def tunings(self, values: Array) -> Changes:
         """Tunings (n, d) as changes of a loop."""
         return {name: (TUNING, column) for name, column in zip(self.names, values.T, strict=True)}
-
-    def cases(self, group: Group) -> int:
-        """Scenario-days of one tuning on a group."""
-        return len(group.members) * group.boundary.n_days * self.replicates
-
-    @property
-    def planned(self) -> int:
-        """How many tunings are tried: whole generations."""
-        size, for_goal, for_front = effort(len(self.axes), self.evaluations)
-        return size * (for_goal + for_front)
 
     @property
     def travel(self) -> Measure:
@@ -220,7 +198,9 @@ def plan_tuning(
         ends = group.loop.assign(**at, **rest)
         check_clashes(ends, np.array(extremes["T_set"]), extremes["backlash_scale"][0])
         if any(limit.measure.metric == MARGIN for limit in limited):
-            require_margins(ends)
+            known = unknown(columns_of(ends, ends.sizes, np.arange(math.prod(ends.sizes.values()))))
+            reasons = [reason for reason, where in known.items() if np.any(where)]
+            refuse([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
     measures = tuple(reported(goal, limited))
     return Asked(axes, goal, tuple(limited), measures, *groups, asked, plan.warm_up, plan.seed, replicates)
 
@@ -270,7 +250,13 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
     if isinstance(holdout, Boundary):
         _require_comparable(boundary, holdout)
         return boundary, holdout.isel(day=np.arange(holdout.n_days))
-    held = np.arange(n - max(1, n // ONE_OF), n) if holdout is None else _labelled(boundary, holdout)
+    known = boundary.day.tolist()
+    labels: Any = known[n - max(1, n // ONE_OF) :] if holdout is None else np.asarray(holdout).tolist()
+    if not isinstance(labels, list) or not labels or not all(label in known for label in labels):
+        raise InputError(
+            f"holdout = {shown(holdout)}: give a Boundary of other days, or some of the boundary's days {shown(known)}"
+        )
+    held = np.array(sorted({known.index(label) for label in labels}))
     if held.size == n:
         raise InputError(
             f"boundary has {n} days, all held out, so that none is left to tune on: give several, such as "
@@ -280,23 +266,11 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
     return boundary.isel(day=kept), boundary.isel(day=held)
 
 
-def _labelled(boundary: Boundary, holdout: Any) -> Index:
-    """Places of the days with these labels."""
-    known = boundary.day.tolist()
-    labels = np.asarray(holdout).tolist()
-    if not isinstance(labels, list) or not labels or not all(label in known for label in labels):
-        raise InputError(
-            f"holdout = {shown(holdout)}: give a Boundary of other days, or some of the boundary's days {shown(known)}"
-        )
-    return np.array(sorted({known.index(label) for label in labels}))
-
-
 def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
     if holdout.n_steps != boundary.n_steps:
         raise InputError(
             f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long, since travel adds up"
         )
-
     searched = {day_digest(0, boundary.of_day(k)): boundary.day[k] for k in range(boundary.n_days)}
     for k in range(holdout.n_days):
         if (same := searched.get(day_digest(0, holdout.of_day(k)))) is not None:
@@ -324,14 +298,6 @@ def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
     return points.dataset({MARGIN: (found[MARGIN], {})})[MARGIN]
 
 
-def require_margins(loop: Loop) -> None:
-    """Refuse loops about which theory says nothing, with a sentence for each reason."""
-    index = np.arange(math.prod(loop.sizes.values()))
-    reasons = [reason for reason, where in unknown(columns_of(loop, loop.sizes, index)).items() if np.any(where)]
-    refuse([f"limits: {MARGIN}: theory has none for some of these loops: {reason}" for reason in reasons])
-
-
-GAINS = ("kp", "ti")
 Changes = Mapping[str, tuple[str, Array]]
 """Dim and values of parameters that change."""
 
@@ -342,13 +308,13 @@ def own_gains(group: Group, names: Sequence[str], warm_up: int) -> Changes:
     A valve that cannot hold the set-point on any day gets the median of the others.  Empty where kp and ti are not what
     is searched, or SIMC gives no valve anything.
     """
-    if not set(GAINS) <= set(names):
+    if not {"kp", "ti"} <= set(names):
         return {}
     points = OperatingPoints(group.loop, group.boundary, warm_up=warm_up)
 
-    def gains(columns: Columns, _: Mapping[str, Array], plants: Plants) -> Iterator[tuple[str, Array]]:
-        for name, values in simc(columns, plants, first_order(columns, plants))._asdict().items():
-            yield name, np.where(plants.reachable, values, np.nan)
+    def gains(columns: Columns, _: Mapping[str, Array], plants: Plants) -> list[tuple[str, Array]]:
+        of = simc(columns, plants, first_order(columns, plants))
+        return [(name, np.where(plants.reachable, values, np.nan)) for name, values in of._asdict().items()]
 
     found = {}
     with warnings.catch_warnings():
@@ -374,8 +340,3 @@ def tried(asked: Asked, group: Group, changes: Changes) -> dict[str, Array]:
         whole = values.reset_coords(drop=True).expand_dims(missing).transpose(*order)
         cases[metric] = np.asarray(whole.values, dtype=float)
     return cases
-
-
-def measured(cases: Mapping[str, Array], measures: Sequence[Measure]) -> dict[str, Array]:
-    """The measures (n,) from metrics of all cases (n, …)."""
-    return {m.name: m.of(cases[m.metric].reshape(len(cases[m.metric]), -1)) for m in measures}

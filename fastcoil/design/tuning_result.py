@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arrays import Array
-from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, mark_logarithms, wrapped
+from fastcoil.base.figures import BLUE, DOTTED, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.base.text import aligned
 from fastcoil.design.advice import Option, advise
@@ -105,44 +105,6 @@ _TITLE = 5.6  # inches: the axes are narrower than the figure
 _LOOKS = {NOW: ("s", "black", "now"), CHOSEN: ("o", RED, "chosen"), SIMC: ("^", YELLOW, "SIMC")}
 
 
-@apply_style()
-def draw_front(tuning: Tuning) -> Figure:
-    """Draw the front where it was found, and the same tunings on the hold-out."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=_SIZE, layout="constrained")
-    axes = fig.add_subplot()
-    measures = tuning.axes[::-1]  # travel below, error on the left
-
-    def scaled(values: Array, measure: Measure) -> Array:
-        values = values * quantity(measure.metric).factor
-        return np.where(np.isfinite(values), values, np.nan)
-
-    found, held = ([scaled(tuning.front[prefix + m.name].values, m) for m in measures] for prefix in ("", "held_out_"))
-    axes.plot([found[0], held[0]], [found[1], held[1]], color=GREY, lw=0.6, zorder=1)
-    axes.plot(*found, "o-", color=BLUE, ms=3, label="front where it was searched")
-    axes.plot(*held, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
-    for name in tuning.held_out["tuning"].values:
-        marker, colour, words = _LOOKS[str(name)]
-        edges = [scaled(tuning.held_out[measure.name].sel(tuning=name).values, measure) for measure in measures]
-        if np.isfinite([value for value, *_ in edges]).all():
-            bars = [np.abs([[value - low], [high - value]]) for value, low, high in edges]
-            looks: dict[str, Any] = {"color": colour, "ms": 6, "lw": 1.0, "capsize": 2, "zorder": 3}
-            looks |= {"xerr": bars[0], "yerr": bars[1]} if np.isfinite(bars).all() else {}
-            axes.errorbar(edges[0][0], edges[1][0], fmt=marker, label=f"{words}, held out", **looks)
-    for limit in tuning.limits:
-        if limit.measure in measures:
-            line = axes.axvline if limit.measure == measures[0] else axes.axhline
-            line(limit.most * quantity(limit.measure.metric).factor, color="black", lw=1.0, ls=DOTTED, label="limit")
-    axes.set(xlabel=measures[0].words, ylabel=measures[1].words, xscale="log", yscale="log")
-    mark_logarithms(axes.xaxis)
-    mark_logarithms(axes.yaxis)
-    groups = f"Searched on {tuning.trained.attrs['group']}, held out {tuning.held_out.attrs['group']}."
-    axes.set_title(wrapped(f"{groups}  Bars: 95 % for other valves and days.", _TITLE, 9), loc="left")
-    axes.legend(frameon=False)
-    return fig
-
-
 @dataclass(frozen=True, repr=False)
 class Tuning(Result):
     """What a search found for the valves and days of a population.
@@ -218,9 +180,49 @@ class Tuning(Result):
         interval = "" if math.isnan(low) else f" ({low:+.0%} to {high:+.0%} for other valves and days)"
         return [*lines, f"Held out, {goal}: {value:+.0%} against now{interval}", self.advice, *self.notes]
 
+    @apply_style()
     def plot(self) -> Figure:
         """The front and what the hold-out makes of it, as a matplotlib ``Figure``."""
-        return draw_front(self)
+        from matplotlib.figure import Figure
+        from matplotlib.ticker import LogLocator
+
+        fig = Figure(figsize=_SIZE, layout="constrained")
+        axes = fig.add_subplot()
+        measures = self.axes[::-1]  # travel below, error on the left
+
+        def scaled(values: Array, measure: Measure) -> Array:
+            values = values * quantity(measure.metric).factor
+            return np.where(np.isfinite(values), values, np.nan)
+
+        found, held = (
+            [scaled(self.front[prefix + m.name].values, m) for m in measures] for prefix in ("", "held_out_")
+        )
+        axes.plot([found[0], held[0]], [found[1], held[1]], color=GREY, lw=0.6, zorder=1)
+        axes.plot(*found, "o-", color=BLUE, ms=3, label="front where it was searched")
+        axes.plot(*held, "o", color=BLUE, ms=4, mfc="white", label="the same tunings, held out")
+        for name in self.held_out["tuning"].values:
+            marker, colour, words = _LOOKS[str(name)]
+            edges = [scaled(self.held_out[measure.name].sel(tuning=name).values, measure) for measure in measures]
+            if np.isfinite([value for value, *_ in edges]).all():
+                bars = [np.abs([[value - low], [high - value]]) for value, low, high in edges]
+                looks: dict[str, Any] = {"color": colour, "ms": 6, "lw": 1.0, "capsize": 2, "zorder": 3}
+                looks |= {"xerr": bars[0], "yerr": bars[1]} if np.isfinite(bars).all() else {}
+                axes.errorbar(edges[0][0], edges[1][0], fmt=marker, label=f"{words}, held out", **looks)
+        for limit in self.limits:
+            if limit.measure in measures:
+                line = axes.axvline if limit.measure == measures[0] else axes.axhline
+                line(
+                    limit.most * quantity(limit.measure.metric).factor, color="black", lw=1.0, ls=DOTTED, label="limit"
+                )
+        axes.set(xlabel=measures[0].words, ylabel=measures[1].words, xscale="log", yscale="log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter("")
+        groups = f"Searched on {self.trained.attrs['group']}, held out {self.held_out.attrs['group']}."
+        axes.set_title(wrapped(f"{groups}  Bars: 95 % for other valves and days.", _TITLE, 9), loc="left")
+        axes.legend(frameon=False)
+        return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """The chosen values as TOML, written to ``path`` if given; for ``include`` in the ``[loop]`` of a study file.

@@ -13,7 +13,8 @@ import xarray as xr
 
 from fastcoil.base.figures import BLUE, DOTTED, FAINT, GREY, RED, YELLOW, apply_style, wrapped
 from fastcoil.base.results import Result, as_toml, toml_table
-from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise, per_cent
+from fastcoil.base.text import per_cent
+from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
 from fastcoil.measured.identify import GOOD, Identification
 from fastcoil.measured.triage import STATES, SWINGS, headline_of

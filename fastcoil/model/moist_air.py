@@ -25,60 +25,33 @@ TRIPLE_POINT = 0.01
 """Of water [degC]: it freezes below."""
 
 
-def saturation_pressure(T: ArrayLike) -> Array:
-    """Saturation pressure over ice below 0.01 degC, eq (5), and over liquid water above, eq (6) [Pa]."""
-    T = np.asarray(T, dtype=np.float64)
-    return np.where(T < TRIPLE_POINT, _ice_pressure(T), liquid_pressure(T))
+_ICE = (-5.6745359e3, 6.3925247, -9.677843e-3, 6.2215701e-7, 2.0747825e-9, -9.484024e-13, 4.1635019)
+_LIQUID = (-5.8002206e3, 1.3914993, -4.8640239e-2, 4.1764768e-5, -1.4452093e-8, 0.0, 6.5459673)
+"""Constants of eqs (5), stated for -100 to 0 degC, and (6), for 0 to 200 degC and continued below."""
 
 
-def _ice_pressure(T: Array) -> Array:
-    """Saturation pressure over ice, eq (5) [Pa]; stated for -100 to 0 degC."""
-    K = T + 273.15
-    log_p = (
-        -5.6745359e3 / K
-        + 6.3925247
-        - 9.677843e-3 * K
-        + 6.2215701e-7 * K**2
-        + 2.0747825e-9 * K**3
-        - 9.484024e-13 * K**4
-        + 4.1635019 * np.log(K)
-    )
+def _pressure(T: ArrayLike, c: tuple[float, ...]) -> Array:
+    """Saturation pressure, eq (5) or (6) [Pa]."""
+    K = np.asarray(T, dtype=np.float64) + 273.15
+    log_p = c[0] / K + c[1] + c[2] * K + c[3] * K**2 + c[4] * K**3 + c[5] * K**4 + c[6] * np.log(K)
     return np.asarray(np.exp(log_p))
 
 
-def _log_ice_slope(T: Array) -> Array:
-    """Slope d(ln p_s)/dT of eq (5) [1/K]."""
-    K = T + 273.15
-    return np.asarray(
-        5.6745359e3 / K**2
-        - 9.677843e-3
-        + 2 * 6.2215701e-7 * K
-        + 3 * 2.0747825e-9 * K**2
-        - 4 * 9.484024e-13 * K**3
-        + 4.1635019 / K
-    )
+def _log_slope(T: ArrayLike, c: tuple[float, ...]) -> Array:
+    """Slope d(ln p_s)/dT of eq (5) or (6) [1/K]."""
+    K = np.asarray(T, dtype=np.float64) + 273.15
+    return np.asarray(-c[0] / K**2 + c[2] + 2 * c[3] * K + 3 * c[4] * K**2 + 4 * c[5] * K**3 + c[6] / K)
 
 
 def liquid_pressure(T: ArrayLike) -> Array:
-    """Saturation pressure over liquid water, eq (6) [Pa]; stated for 0 to 200 degC, continued below."""
-    K = np.asarray(T, dtype=np.float64) + 273.15
-    log_p = (
-        -5.8002206e3 / K
-        + 1.3914993
-        - 4.8640239e-2 * K
-        + 4.1764768e-5 * K**2
-        - 1.4452093e-8 * K**3
-        + 6.5459673 * np.log(K)
-    )
-    return np.asarray(np.exp(log_p))
+    """Saturation pressure over liquid water, eq (6) [Pa]."""
+    return _pressure(T, _LIQUID)
 
 
-def _log_liquid_slope(T: ArrayLike) -> Array:
-    """Slope d(ln p_s)/dT of eq (6) [1/K]."""
-    K = np.asarray(T, dtype=np.float64) + 273.15
-    return np.asarray(
-        5.8002206e3 / K**2 - 4.8640239e-2 + 2 * 4.1764768e-5 * K - 3 * 1.4452093e-8 * K**2 + 6.5459673 / K
-    )
+def saturation_pressure(T: ArrayLike) -> Array:
+    """Saturation pressure over ice below 0.01 degC, eq (5), and over liquid water above, eq (6) [Pa]."""
+    T = np.asarray(T, dtype=np.float64)
+    return np.where(T < TRIPLE_POINT, _pressure(T, _ICE), liquid_pressure(T))
 
 
 def _from_vapour_pressure(p_w: Array, pressure: ArrayLike) -> Array:
@@ -116,7 +89,7 @@ def dew_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     x = log_p_w - np.log(610.94)
     T = np.asarray(243.04 * x / (17.625 - x))
     for _ in range(4):
-        T = T - (np.log(liquid_pressure(T)) - log_p_w) / _log_liquid_slope(T)
+        T = T - (np.log(liquid_pressure(T)) - log_p_w) / _log_slope(T, _LIQUID)
     return np.asarray(T)
 
 
@@ -128,7 +101,7 @@ def wetting_point(W: ArrayLike, pressure: ArrayLike = 101325.0) -> Array:
     T, log_p_w = dew_point(W, pressure), _log_vapour_pressure(W, pressure)
     frost = T
     for _ in range(5):  # from the dew point, at most 9 K away
-        frost = frost - (np.log(_ice_pressure(frost)) - log_p_w) / _log_ice_slope(frost)
+        frost = frost - (np.log(_pressure(frost, _ICE)) - log_p_w) / _log_slope(frost, _ICE)
     return np.where(T < TRIPLE_POINT, frost, T)
 
 
@@ -154,7 +127,7 @@ def saturation_enthalpy_slope(T: ArrayLike, pressure: ArrayLike = 101325.0) -> A
     T, p = np.asarray(T, dtype=np.float64), np.asarray(pressure, dtype=np.float64)
     p_s = saturation_pressure(T)
     W_s = _from_vapour_pressure(p_s, p)
-    slope = np.where(T < TRIPLE_POINT, _log_ice_slope(T), _log_liquid_slope(T))
+    slope = np.where(T < TRIPLE_POINT, _log_slope(T, _ICE), _log_slope(T, _LIQUID))
     dW_s = MASS_RATIO * p * p_s * slope / (p - p_s) ** 2
     return np.asarray(1.006 + 1.86 * W_s + (2501.0 + 1.86 * T) * dW_s)
 

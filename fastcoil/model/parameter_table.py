@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import groupby
+from operator import attrgetter
 
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 
@@ -319,14 +320,10 @@ class Listing(dict[str, Parameter]):
 def lines_of(parameters: Iterable[Parameter]) -> list[str]:
     """A heading for each part of the loop, and a line for each parameter: default, unit, meaning, allowed values."""
     lines = []
-    for group, some in groupby(parameters, _group):
+    for group, some in groupby(parameters, attrgetter("group")):
         lines.append(group)
         for p in some:
             default = "-" if p.default is None else f"{p.default}"
             unit = "" if p.unit == "1" else p.unit
             lines.append(f"  {p.name:<22}{default:>10} {unit:<12} {p.text} ({p.bounds})")
     return lines
-
-
-def _group(p: Parameter) -> str:
-    return p.group

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from keyword import iskeyword
 from typing import Any
 
-from fastcoil.base.arguments import is_number, number_of, plain, text_of
+from fastcoil.base.arguments import is_number, number_of, plain, refuse, text_of
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.model.control import Law
 from fastcoil.model.engine.lanes import Rules
@@ -85,11 +85,6 @@ def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Paramet
     """What a rule declares of its own; the other fields are parameters of the loop that it may read.
 
     fields: name → default, ``None`` for a field without one.
-
-    Raises
-    ------
-    InputError
-        For a name that is taken, is no parameter, or stands for what a rule must not know.
     """
     own, problems = {}, []
     for name, default in fields.items():
@@ -118,8 +113,7 @@ def own_parameters(rule: str, fields: Mapping[str, object]) -> dict[str, Paramet
                 name, rule, declared.unit, float(declared), declared.text or f"parameter of {rule}", declared.lower,
                 declared.upper, label=name.replace("_", " "),
             )  # fmt: skip
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return own
 
 
@@ -141,21 +135,14 @@ class Rule:
 
     @classmethod
     def of(cls, kind: str, function: Any, Parameters: Any, Memory: Any) -> Rule:  # noqa: N803 — classes
-        """Check what a decorator is given.
-
-        Raises
-        ------
-        InputError
-            With one sentence for each mistake.
-        """
+        """Check what a decorator is given."""
         name = getattr(function, "__name__", "")
         if not inspect.isfunction(function) or not name.isidentifier():
             raise InputError(WrongType(f"@fc.{kind}(…) stands before {shown(function)}: put it before a function"))
         if is_word(name):
             raise InputError(f"{name} is taken, call the function something else")
         takes = list(inspect.signature(function).parameters.values())
-        waits = inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function)
-        if waits or len(takes) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in takes):
+        if len(takes) != 3 or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in takes):
             raise InputError(f"{name}: write it as def {name}(now, p, memory)")
         defaults = Parameters._field_defaults
         own = own_parameters(name, {n: defaults.get(n) for n in Parameters._fields})
@@ -176,13 +163,7 @@ class Rule:
         return self._made_of
 
     def adopt(self, made: object) -> None:
-        """Take over the code that the source of this rule makes.
-
-        Raises
-        ------
-        InputError
-            If it makes something else than it declares.
-        """
+        """Take over the code that the source of this rule makes, which has to be what it declares."""
         declared = (self.kind, self.name, self.own, self.reads)
         if not isinstance(made, Rule) or (made.kind, made.name, made.own, made.reads) != declared:
             raise InputError(
@@ -192,13 +173,7 @@ class Rule:
         self._made_of = made.parts
 
     def check(self) -> None:
-        """Compile it as its module is now.
-
-        Raises
-        ------
-        InputError
-            If it does not compile, allocates, may raise, or returns something else.
-        """
+        """Compile it as its module is now; refused if it does not compile, allocates or may raise."""
         function, Parameters, Memory = self.parts
         code = UserFunction(self.name, function, Memory)
         if self._code is None or code.sha256 != self._code.sha256:
@@ -207,13 +182,7 @@ class Rule:
 
     @property
     def code_sha256(self) -> str:
-        """Hash of all that decides what it does, the values included that its module had when it was compiled, or now.
-
-        Raises
-        ------
-        InputError
-            If it uses something that cannot be compiled.
-        """
+        """Hash of all that decides what it does, with the values of its module when it was compiled, or now."""
         function, _, Memory = self.parts
         return (self._code or UserFunction(self.name, function, Memory)).sha256
 
@@ -318,9 +287,7 @@ def rules_for_kernels(rules: Mapping[str, Rule]) -> Rules:
 
 
 def _decorator(kind: str, Parameters: Any, Memory: Any) -> Callable[[Any], Rule]:  # noqa: N803 — classes
-    problems = _field_problems("Parameters", Parameters) + _field_problems("Memory", Memory)
-    if problems:
-        raise InputError(problems)
+    refuse(_field_problems("Parameters", Parameters) + _field_problems("Memory", Memory))
     return lambda function: Rule.of(kind, function, Parameters, Memory)
 
 
@@ -358,19 +325,11 @@ def joined(one: RuleHashes, other: RuleHashes) -> RuleHashes:
 
 
 def refuse_other_code(now: RuleHashes, before: RuleHashes) -> None:
-    """Refuse a rule that does something else than before, though its source is the same.
-
-    Raises
-    ------
-    InputError
-        With a sentence for each.
-    """
-    problems = [
+    """Refuse a rule that does something else than before, though its source is the same."""
+    refuse([
         f"{name} is another rule than in the rest of the study: its module takes a value from elsewhere, such as a "
         "variable of the environment, a file or another module, and it changed: restore it, or choose another folder "
         "with -o"
         for name, hashes in now.items()
         if any(before.get(name, {}).get(version, sha256) != sha256 for version, sha256 in hashes.items())
-    ]
-    if problems:
-        raise InputError(problems)
+    ])  # fmt: skip

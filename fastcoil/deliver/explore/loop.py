@@ -15,7 +15,8 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.design.advice import NO_INVERSE, REPAIRED, per_cent
+from fastcoil.base.text import per_cent
+from fastcoil.design.advice import NO_INVERSE, REPAIRED
 from fastcoil.design.explain import explain
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import W_IN, constant_day, design_day, heating_day, paper_day

@@ -11,22 +11,7 @@ What a lane does never depends on the others in its block: each has its own end,
 import numpy as np
 
 from fastcoil.model.engine.plant import deliver, march_water
-from fastcoil.model.engine.rows import (
-    LANES,
-    Q_W,
-    T_A,
-    T_C,
-    T_W,
-    VOLUME_STRIDE,
-    W_A,
-    W_S,
-    R,
-    derive,
-    fill_coil,
-    positions,
-    reset_sums,
-    set_initial_state,
-)
+from fastcoil.model.engine.rows import LANES, Q_W, T_A, T_C, T_W, VOLUME_STRIDE, W_A, W_S, R, begin, positions
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.physics import (
     air_heat,
@@ -41,10 +26,8 @@ from fastcoil.model.physics import (
 CONDITIONS = ("m_a", "T_a_in", "W_a_in", "T_w_in")
 """Rows of what enters the coils of a block, (4, LANES)."""
 C = positions(CONDITIONS)
-_SATURATION_SLOPE = 0.065
-"""d ln W_s / dT near the dew points of air conditioning, 1/K: it only scales the band."""
-_LEAST_BAND = 0.02
-"""Width of the band around the dew point in which a volume is partly wet, at least, K."""
+_SATURATION_SLOPE = 0.065  # d ln W_s / dT near the dew points of air conditioning, 1/K: it only scales the band
+_LEAST_BAND = 0.02  # width of the band around the dew point in which a volume is partly wet, at least, K
 _NEAR = 0.5
 """No volume on its way to rest passes this distance from the dew point, K, in one sweep without slowing down."""
 
@@ -60,21 +43,12 @@ def enter_each(V, n_volumes, entering):
 
 
 @section
-def air_side_each(S, entering):
-    """Air-side effectiveness of every lane at its own air flow, Eq (4)."""
+def begin_each(rows, common, entering, S, V):
+    """Set up the coils of a block, dry and at their initial temperature; air-side effectiveness of each, Eq (4)."""
+    begin(S, V, rows, common.n_volumes, True, True, 0.0)
     for j in range(LANES):
         S[R.eps_a + j] = effectiveness(S[R.ntu_a_factor + j], S[R.beta4 + j], entering[C.m_a, j])
         S[R.eps_star + j] = effectiveness(S[R.ntu_star_factor + j], S[R.beta6 + j], entering[C.m_a, j])
-
-
-@section
-def begin(rows, common, entering, S, V):
-    """Set up the coils of a block, dry and at their initial temperature, under what enters each."""
-    derive(S, rows, common.n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    fill_coil(S, V, common.n_volumes, 0.0)
-    air_side_each(S, entering)
 
 
 @section
@@ -157,10 +131,8 @@ STEP = 1e-4
 _SETTLED, _MOST_SWEEPS = 1e-11, 4000
 """A coil is at rest when no metal temperature moves further than this, K, in a sweep; it gets as many sweeps."""
 _FOUND, _MOST_OPENINGS = 1e-9, 60
-_JUMPED = 1e-4
-"""Distance from the set-point, K, at an opening that ought to hold it."""
-_LEAST_FLOW = 1e-12
-"""kW/K; without water flow its temperature does not matter."""
+_JUMPED = 1e-4  # distance from the set-point, K, at an opening that ought to hold it
+_LEAST_FLOW = 1e-12  # kW/K; without water flow its temperature does not matter
 
 
 @section
@@ -202,7 +174,7 @@ def find_rest(rows, common, entering, T_set, S, V, found):
     the coils at rest afterwards.  found: out, (6, LANES), see STEADY; gain in K per unit opening.
     """
     n_volumes = common.n_volumes
-    begin(rows, common, entering, S, V)
+    begin_each(rows, common, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
 
     low, high, openings = np.zeros(LANES), np.ones(LANES), np.zeros(LANES)
@@ -267,7 +239,7 @@ def find_rest(rows, common, entering, T_set, S, V, found):
 def rest_curve(rows, common, entering, openings, S, V, T_sup):
     """T_sup at rest at each of some openings, (n,): out, (n, LANES), °C."""
     n_volumes = common.n_volumes
-    begin(rows, common, entering, S, V)
+    begin_each(rows, common, entering, S, V)
     everywhere, nowhere = np.empty(LANES), np.zeros(LANES, np.bool_)
     for k in range(openings.size):
         everywhere[:] = openings[k]
@@ -307,7 +279,7 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
     A: out, (4 N, 4 N, LANES); B: out, (4 N, LANES), per unit opening.  States as in STATES, in K and kg/kg.
     """
     n_volumes = common.n_volumes
-    begin(rows, common, entering, S, V)
+    begin_each(rows, common, entering, S, V)
     A[:] = 0.0
     B[:] = 0.0
     factors, first, second = np.empty(LANES), np.empty(LANES), np.empty(LANES)
@@ -334,8 +306,7 @@ def linearise_step(rows, common, entering, found, at_rest, S, V, A, B):
             add_states(V, n_volumes, factors, A[:, k])
 
 
-_AT_REST = 1e-9
-"""Distance, K, from where a response ends, that is none."""
+_AT_REST = 1e-9  # distance, K, from where a response ends, that is none
 FEW = 60
 """Steps over which the ratio of successive changes is taken, behind the end of a response."""
 SLOWEST = 0.99999
@@ -351,7 +322,7 @@ def respond(rows, common, entering, found, at_rest, S, V, tolerance, response, e
     ends.  From there on its changes are a geometric series.  n_steps, if fewer than FEW + 1 seconds are left for that.
     """
     n_steps = response.shape[0]
-    begin(rows, common, entering, S, V)
+    begin_each(rows, common, entering, S, V)
     supply = V[VOLUME_STRIDE + T_A : VOLUME_STRIDE + T_A + LANES]
     first, second = np.empty(LANES), np.empty(LANES)
     for j in range(LANES):

@@ -41,18 +41,7 @@ from fastcoil.model.engine.plant import (
     scale_gap,
     shared_air_side,
 )
-from fastcoil.model.engine.rows import (
-    LANES,
-    T_A,
-    T_W,
-    VOLUME_STRIDE,
-    R,
-    derive,
-    fill_coil,
-    positions,
-    reset_sums,
-    set_initial_state,
-)
+from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin, positions
 from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.jit import kernel, section
 from fastcoil.model.numerics.stages import BUILT_IN
@@ -102,13 +91,10 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
     """
     n_volumes, n_steps = common.n_volumes, day.series.shape[0]
     open_loop = day.command.size > 0
-    derive(S, rows, common.n_volumes)
-    reset_sums(S, open_loop)
+    begin(S, V, rows, n_volumes, open_loop, day.start == 0, day.series[0, C.W_a_in])
     estimates = common.estimate != BUILT_IN and not open_loop
     has_law = common.law != BUILT_IN and not open_loop
     if day.start == 0:
-        set_initial_state(S, open_loop)
-        fill_coil(S, V, n_volumes, day.series[0, C.W_a_in])
         if estimates:
             call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
         if has_law:

@@ -7,20 +7,10 @@ import numpy as np
 
 from fastcoil.model.control import Law
 from fastcoil.model.engine.controller import Control, control_stage
-from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day, emulate
+from fastcoil.model.engine.emulator import C, Day, emulate
 from fastcoil.model.engine.metrics import N_METRICS, OF_ESTIMATORS, schedule
 from fastcoil.model.engine.plant import Stem, stem_stage
-from fastcoil.model.engine.rows import (
-    LANES,
-    PARAMETER_ROWS,
-    T_A,
-    T_C,
-    T_W,
-    VOLUME_ROWS,
-    VOLUME_STRIDE,
-    W_A,
-    R,
-)
+from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
@@ -32,8 +22,7 @@ Columns = Mapping[str, np.ndarray]
 """Parameter name → one value per scenario; words as words, NaN where a stand-in is not given."""
 KIND = ("law", "estimator", "air_march", "n_volumes", "substeps")
 """Parameters of which a block has one value.  Lanes of different estimators or laws never share a block."""
-_CACHE_LINE = 8
-"""Doubles in a cache line of 64 bytes."""
+_CACHE_LINE = 8  # doubles in a cache line of 64 bytes
 
 
 class Rules(NamedTuple):
@@ -111,22 +100,26 @@ def blocks(matrix: np.ndarray, rules: Rules = NO_RULES) -> list[tuple[np.ndarray
     for group in np.split(order, starts[1:]):
         for start in range(0, group.size, LANES):
             members = group[start : start + LANES]
-            padded = np.concatenate([members, np.full(LANES - members.size, members[-1])])
-            cut.append((members, _block(np.ascontiguousarray(matrix[:, padded]), rules)))
+            cut.append((members, _block(np.ascontiguousarray(matrix[:, padded(members)]), rules)))
     return cut
 
 
-def run_sets(
-    matrix: np.ndarray, run: Callable[[Block], Sequence[np.ndarray]], rules: Rules = NO_RULES
-) -> tuple[np.ndarray, ...]:
-    """Run many parameter sets over one record, block by block.
+def padded(members: np.ndarray) -> np.ndarray:
+    """The scenario in each lane of a block."""
+    return np.concatenate([members, np.full(LANES - members.size, members[-1])])
 
-    matrix, rules: see ``parameter_matrix``.  run: takes a block, returns arrays (…, LANES).  Returns the same arrays
-    for all sets, (…, n_sets), in their order.
+
+def run_sets(
+    matrix: np.ndarray, run: Callable[[Block, np.ndarray], Sequence[np.ndarray]], rules: Rules = NO_RULES
+) -> tuple[np.ndarray, ...]:
+    """Run many parameter sets, block by block.
+
+    matrix, rules: see ``parameter_matrix``.  run: takes a block and its members, returns arrays (…, LANES).  Returns
+    the same arrays for all sets, (…, n_sets), in their order.
     """
     found: tuple[np.ndarray, ...] = ()
     for members, block in blocks(matrix, rules):
-        parts = run(block)
+        parts = run(block, members)
         found = found or tuple(np.empty((*part.shape[:-1], matrix.shape[1])) for part in parts)
         for whole, part in zip(found, parts, strict=True):
             whole[..., members] = part[..., : members.size]
@@ -218,14 +211,6 @@ def room_for(rule: Estimator | Law | None, parameters: np.ndarray) -> np.ndarray
     return own
 
 
-def memory_of(block: Block, own: np.ndarray) -> Any:
-    """What the estimator of a block remembers, as its named tuple of arrays (LANES,)."""
-    estimator = block.estimator
-    assert estimator is not None
-    first, n = len(estimator.Parameters._fields), len(estimator.Memory._fields)
-    return estimator.Memory(*own.reshape(-1, LANES)[first : first + n])
-
-
 def _aligned(size: int) -> np.ndarray:
     """Allocate from the edge of a cache line on: a vector across two lines costs twice."""
     space = np.empty(size + _CACHE_LINE)
@@ -300,17 +285,16 @@ def run_block(
 def _of_estimator(block: Block, own: np.ndarray, open_loop: bool) -> dict[str, Any]:
     """The metrics that only an estimator brings; NaN, or off, where the block has another one."""
     found: dict[str, Any] = {name: np.nan for name in OF_ESTIMATORS} | {"learning_status": LEARNING_STATUS.index("off")}
-    estimator = block.estimator
-    if estimator is not None and estimator.results is not None and not open_loop:
-        found |= estimator.results(memory_of(block, own))
+    rule = block.estimator
+    if rule is not None and rule.results is not None and not open_loop:
+        first, n = len(rule.Parameters._fields), len(rule.Memory._fields)
+        found |= rule.results(rule.Memory(*own.reshape(-1, LANES)[first : first + n]))
     return found
 
 
 def compile_kernel() -> None:
     """Compile the kernel, or load it from the cache, by running the default loop for one second."""
-    second = {"m_a": 1.0, "T_a_in": 25.0, "W_a_in": 0.01, "T_w_in": 7.0, "T_set": 14.0, "noise": 0.0, "enabled": 1.0}
-    second["backlash_scale"] = 1.0
-    series = np.array([[second[name] for name in DAY_COLUMNS]])
+    series = np.array([[1.0, 25.0, 0.01, 7.0, 14.0, 0.0, 1.0, 1.0]])  # DAY_COLUMNS
     day = Day(series, np.empty(0), schedule(series[:, C.T_set], series[:, C.enabled], 0), 0, (0, 0))
     defaults = {p.name: np.array([np.nan if p.default is None else p.default]) for p in PARAMETERS.values()}
     ((_, block),) = blocks(parameter_matrix(defaults | {"replicate": np.zeros(1), "estimator": np.array(["none"])}))

@@ -50,8 +50,7 @@ from fastcoil.model.physics import (
 
 MILD_T, MILD_W = 1.0, 0.07
 """While all is warmer, °C, and drier, kg/kg, no metal is near freezing, and none above 50 °C gets wet."""
-_DEW_STEP, _SURELY = 0.0625, 1.000001
-"""K; and a factor, as saturation is in pieces that meet to some 1e-9 of it."""
+_DEW_STEP, _SURELY = 0.0625, 1.000001  # K; and a factor, as saturation is in pieces that meet to some 1e-9 of it
 
 
 @section
@@ -352,12 +351,8 @@ class Stem(NamedTuple):
     @classmethod
     def of(cls, row: Mapping[str, np.ndarray]) -> Stem:
         """For a block with these parameters, each (LANES,)."""
-        return cls(
-            has_resolution=bool(np.any(row["command_resolution"] > 0.0)),
-            has_zones=bool(np.any(row["neutral_zone"] > 0.0)),
-            slips=bool(np.any(row["slip_jump"] > 0.0)),
-            wears=bool(np.any(row["wear_rate"] > 0.0)),
-        )
+        names = ("command_resolution", "neutral_zone", "slip_jump", "wear_rate")
+        return cls(*(bool(np.any(row[name] > 0.0)) for name in names))
 
 
 @cache

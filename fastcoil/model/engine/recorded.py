@@ -10,18 +10,7 @@ from fastcoil.model.engine.controller import PLAIN, call_control, control
 from fastcoil.model.engine.emulator import record
 from fastcoil.model.engine.lanes import NO_RULES, Block, Rules, run_sets, trace_rows, work_space
 from fastcoil.model.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
-from fastcoil.model.engine.rows import (
-    LANES,
-    T_A,
-    T_W,
-    VOLUME_STRIDE,
-    R,
-    derive,
-    fill_coil,
-    positions,
-    reset_sums,
-    set_initial_state,
-)
+from fastcoil.model.engine.rows import LANES, T_A, T_W, VOLUME_STRIDE, R, begin, positions
 from fastcoil.model.engine.rules import call_estimator, call_law
 from fastcoil.model.numerics.elementary import exp, log
 from fastcoil.model.numerics.jit import kernel
@@ -42,11 +31,7 @@ def march_coil(rows, common, series, at, S, V, T_sup, T_w_out, wet):
     and the number of wet volumes.
     """
     n_volumes, n_steps = common.n_volumes, series.shape[0]
-    derive(S, rows, n_volumes)
-    set_initial_state(S, True)
-    reset_sums(S, True)
-    fill_coil(S, V, n_volumes, series[0, _COIL.W_a_in])
-
+    begin(S, V, rows, n_volumes, True, True, series[0, _COIL.W_a_in])
     first, last = VOLUME_STRIDE, n_volumes * VOLUME_STRIDE
     m_a_known, m_w_known = np.nan, np.nan
     everywhere = np.ones(n_volumes + 1, np.bool_)
@@ -89,7 +74,7 @@ def run_coil(matrix: np.ndarray, series: np.ndarray, at: np.ndarray) -> tuple[np
     Returns T_sup, T_w_out, °C, and the number of wet volumes at the seconds ``at``, (n, n_sets).
     """
 
-    def run(block: Block) -> list[np.ndarray]:
+    def run(block: Block, _: np.ndarray) -> list[np.ndarray]:
         T_sup, T_w_out, wet = (np.empty((at.size, LANES)) for _ in range(3))
         march_coil(block.rows, block.common, series, at, *work_space(block)[:2], T_sup, T_w_out, wet)
         return [T_sup, T_w_out, wet]
@@ -189,9 +174,7 @@ def command_of(rows, common, series, S, V, own, own_law, traced_rows, interval, 
     own_law: work space as for ``emulate``; V is not read.  traced_rows: their offsets.  traces: out,
     (n_points, n_rows, LANES), every ``interval`` seconds.
     """
-    derive(S, rows, common.n_volumes)
-    set_initial_state(S, False)
-    reset_sums(S, False)
+    begin(S, V, rows, common.n_volumes, False, True, 0.0)
     estimates = common.estimate != BUILT_IN
     if estimates:
         call_estimator(common.estimate, (S, own, 0.0, 0.0, 0.0, True, True))
@@ -200,21 +183,18 @@ def command_of(rows, common, series, S, V, own, own_law, traced_rows, interval, 
         call_law(common.law, (S, own_law, 0.0, 0.0, 0.0, 0.0, True, True))
     was_enabled = True
     for t in range(series.shape[0]):
-        enabled = series[t, _SEEN.enabled] != 0.0
+        enabled, T_set, m_a = series[t, _SEEN.enabled] != 0.0, series[t, _SEEN.T_set], series[t, _SEEN.m_a]
         for j in range(LANES):
             S[R.y_s + j] = series[t, _SEEN.T_sup]
         if estimates and t > 0 and t % common.estimating_period == 0:
-            call_estimator(
-                common.estimate, (S, own, float(t), series[t, _SEEN.T_set], series[t, _SEEN.m_a], enabled, False)
-            )
+            call_estimator(common.estimate, (S, own, float(t), T_set, m_a, enabled, False))
         if t % common.control_period == 0 or was_enabled != enabled:
             if has_law:
-                now = (S, own_law, float(t), series[t, _SEEN.T_set], 0.0, series[t, _SEEN.m_a], enabled, False)
-                call_law(common.law, now)
+                call_law(common.law, (S, own_law, float(t), T_set, 0.0, m_a, enabled, False))
             if common.control == BUILT_IN:
-                control(S, t, series[t, _SEEN.T_set], 0.0, enabled, 0.0, PLAIN)
+                control(S, t, T_set, 0.0, enabled, 0.0, PLAIN)
             else:
-                call_control(common.control, (S, t, series[t, _SEEN.T_set], 0.0, enabled, 0.0))
+                call_control(common.control, (S, t, T_set, 0.0, enabled, 0.0))
         was_enabled = enabled
         if t % interval == 0:
             record(S, V, traced_rows, traces[t // interval])
@@ -223,7 +203,7 @@ def command_of(rows, common, series, S, V, own, own_law, traced_rows, interval, 
 def run_replay(matrix: np.ndarray, series: np.ndarray, interval: int, rules: Rules = NO_RULES) -> dict[str, np.ndarray]:
     """Replay many controllers, (len(PARAMETER_ROWS), n_sets).  Returns each of REPLAY_TRACES, (n_points, n_sets)."""
 
-    def run(block: Block) -> list[np.ndarray]:
+    def run(block: Block, _: np.ndarray) -> list[np.ndarray]:
         rows = trace_rows(REPLAY_TRACES, block.common.n_volumes)
         traces = np.empty((-(-series.shape[0] // interval), rows.size, LANES))
         command_of(block.rows, block.common, series, *work_space(block), rows, interval, traces)

@@ -160,3 +160,13 @@ def fill_coil(S, V, n_volumes, W_a):
             V[v + T_C + j] = S[R.T_initial + j]
             V[v + T_A + j] = S[R.T_initial + j]
             V[v + W_A + j] = W_a
+
+
+@section
+def begin(S, V, rows, n_volumes, open_loop, is_first, W_a):
+    """Fill the rows of a block for a run; if it is the first also the coil, with air of humidity ratio W_a."""
+    derive(S, rows, n_volumes)
+    reset_sums(S, open_loop)
+    if is_first:
+        set_initial_state(S, open_loop)
+        fill_coil(S, V, n_volumes, W_a)

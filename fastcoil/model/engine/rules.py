@@ -9,11 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.model.control import (
-    Law,
-    clipped,
-    sample_number,
-)
+from fastcoil.model.control import Law, clipped, sample_number
 from fastcoil.model.engine.rows import LANES, R
 from fastcoil.model.estimators.interface import Estimator, Sample, defaults_of
 from fastcoil.model.numerics.jit import exact, section

@@ -24,10 +24,8 @@ from fastcoil.model.numerics.jit import JIT_ENABLED, exact
 _AS_IT_IS = (math, np, int, float, bool, abs, min, max, round, range, len)
 """What a function may use besides its own: nobody changes the attributes of the modules."""
 _HEADING = ("Failed in ", "During: ")
-_LEAST, _MOST = -(2**63), 2**64 - 1
-"""Whole numbers of the machine."""
-_LONGEST_TABLE = 256
-"""Numbers of a tuple: to compile 1000 takes a minute."""
+_LEAST, _MOST = -(2**63), 2**64 - 1  # whole numbers of the machine
+_LONGEST_TABLE = 256  # numbers of a tuple: to compile 1000 takes a minute
 ALLOWED = (
     "a rule works with numbers, if, loops, math, scalar numpy functions, functions of its own and tuples of up to "
     f"{_LONGEST_TABLE} numbers, whose index it limits with min and max"
@@ -48,13 +46,7 @@ class UserFunction:
         self.sha256 = self._digest.hexdigest()
 
     def check(self, now: Any, parameters: Any) -> None:
-        """Compile the function for these classes of named tuples.
-
-        Raises
-        ------
-        InputError
-            If it does not compile, returns something else than (number, memory), allocates or may raise.
-        """
+        """Compile the function for these classes of named tuples; refused where it would not run like ours."""
         if not JIT_ENABLED:
             return
         arguments = tuple(

@@ -28,8 +28,7 @@ NUMBER, FLAG, ROWS, WHOLE = types.float64, types.boolean, types.CPointer(types.f
 BUILT_IN = np.intp(0) if JIT_ENABLED else 0
 """In place of an address: the kernel has this stage in its own machine code."""
 _LOCK = threading.RLock()
-_STAGES: list[Any] = []
-"""What has been compiled: machine code must not go away while its address is known."""
+_STAGES: list[Any] = []  # what has been compiled: machine code must not go away while its address is known
 
 
 class Kind:

@@ -225,7 +225,7 @@ def test_many_sets_on_one_record_come_back_in_their_order(mixed):
     """Sets of both kinds, in several blocks: every set finds its own numbers, whatever was padded."""
     matrix = parameter_matrix(mixed)
     kp, beta3 = PARAMETER_ROWS.index("kp"), PARAMETER_ROWS.index("beta3")
-    gains, both = run_sets(matrix, lambda block: [block.rows[kp], block.rows[[kp, beta3]]])
+    gains, both = run_sets(matrix, lambda block, _: [block.rows[kp], block.rows[[kp, beta3]]])
     np.testing.assert_array_equal(gains, mixed["kp"])
     np.testing.assert_array_equal(both, matrix[[kp, beta3]])
 
