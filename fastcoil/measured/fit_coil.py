@@ -164,7 +164,7 @@ def _compared(problem: CoilProblem, x: Array) -> tuple[dict[str, tuple[Array, st
     """Measured and modelled series with their units, and the errors that count."""
     data, compared = problem.data, problem.compared
     found = {name: values[:, 0] for name, values in problem.record.run(x).items()}
-    if not problem.record.is_stable(x):
+    if problem.record.unstable(x, problem.record.limits_of_all)[0]:
         for values in found.values():
             values[~problem.fitting] = np.nan
         problem.notes.append(
