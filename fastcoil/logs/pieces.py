@@ -155,7 +155,6 @@ def number_pieces(
 
 
 def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: bool) -> str:
-    """Where time first goes back or stands still, how often it does, and the cure."""
     k, times = int(np.argmax(back)), int(back.sum())
     cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
     if stamped:
@@ -168,7 +167,6 @@ def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: b
 
 
 def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int]) -> str:
-    """Where a log that should be one piece breaks, and the cure."""
     k = int(np.argmax(new)) if new.any() else int(np.argmax(np.where(gaps, steps, 0.0)))
     ends, gap = f"rows {rows[k]} and {rows[k + 1]}", f"{steps[k]:g}"
     if new[k]:

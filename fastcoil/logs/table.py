@@ -99,7 +99,6 @@ def _has_data_below(rows: Sequence[list[str]], k: int) -> bool:
 
 
 def _has_data(cell: str) -> bool:
-    """Whether a cell holds a number or a time."""
     return is_datum(cell) or is_time(cell)
 
 
@@ -279,7 +278,6 @@ class Table:
         return table
 
     def _check_header(self) -> None:
-        """Column names must differ."""
         self.problems += [
             f"column {shown(cell)} appears {count} times: begin the file with the header, name every column once"
             for cell, count in Counter(self.header).items()

@@ -76,11 +76,10 @@ class Layout:
 
     def describe(self, flat: int) -> str:
         """One scenario in words: its labels in the sweep; empty if there is only one scenario."""
-        labels, swept = self.coordinates(), self.loop.swept
+        labels = self.coordinates()
         place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
         at = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
-        named = [f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items() if d in swept or d in labels]
-        return ", ".join(named)
+        return ", ".join(f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items())
 
     def coordinates(self) -> dict[str, xr.DataArray]:
         """Labels of every dimension and the swept parameters along them."""
@@ -278,6 +277,8 @@ def join_flat(
     first: xr.Dataset | None = None
     for part in parts:
         index = part["scenario"].values
+        if index.size and index.max() >= n_scenarios:
+            raise IntegrityError(f"scenario {index.max()} was found, of {n_scenarios}: delete the folder and run again")
         if seen[index].any():
             raise IntegrityError(f"scenario {index[seen[index]][0]} was found twice: delete the folder and run again")
         seen[index] = True
@@ -376,6 +377,9 @@ def check_result(ds: xr.Dataset) -> None:
     instance_of("ds", ds, xr.Dataset, _CURE)
     if "status" not in ds:
         raise InputError(f"ds has no status: {_CURE}")
+    odd = [n for n in ("status", *METRICS) if n in ds and ds[n].dtype.kind not in "iuf"]
+    if odd:
+        raise InputError(f"ds has no numbers as {', '.join(odd)}: {_CURE}")
     require_our_units(ds, PARAMETERS, METRICS)
 
 

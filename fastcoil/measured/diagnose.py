@@ -250,7 +250,6 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
 
 
 def _signals(grid: Grid, measures: Measures) -> xr.Dataset:
-    """The log as it was used."""
     series = {name: ("elapsed_time", values, {"units": COLUMNS[name].unit}) for name, values in grid.values.items()}
     series["position"] = ("elapsed_time", measures.position, {"units": "1"})
     calm = xr.DataArray(measures.calm, dims="elapsed_time")

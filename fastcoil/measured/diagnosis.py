@@ -211,7 +211,6 @@ def gap_in_words(d: Any) -> str:
 
 
 def _hunting(d: Diagnosis) -> str:
-    """Whether the loop hunts, and why."""
     size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
     if d.cause == NONE:
         error = float(d.indices["error_rms_settled"])

@@ -125,7 +125,6 @@ def _held_inputs(holds: Any) -> tuple[str, ...]:
 
 
 def _fit_of(problem: CoilProblem, started: float) -> Fit:
-    """The fit with everything a user may ask of it."""
     record, data, notes = problem.record, problem.data, problem.notes
     best, spread, wet = problem.solve()
     x = problem.coupling @ best.x[:, None]

@@ -122,7 +122,6 @@ def fit_valve(
 
 
 def _lag_of(lag: Any) -> float | str:
-    """A shift in seconds, or ``auto``."""
     if isinstance(lag := plain(lag), str) and lag == "auto":
         return lag
     cure = "give seconds by which the flow is logged after the command, or 'auto'"
@@ -394,7 +393,6 @@ def _moved(log: Log, lag: Array, fitting: Mask, notes: list[str]) -> Log:
 
 
 def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
-    """A sentence for each shift."""
     notes = []
     for run in unbroken(shifts):
         n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])

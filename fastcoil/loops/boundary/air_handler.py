@@ -183,7 +183,6 @@ def settings_of(
 
 
 def _clashes(chosen: Mapping[str, Any], given: set[str]) -> list[str]:
-    """Arguments that contradict each other, a sentence each."""
     problems = [
         f"{name} = {chosen[name]:g} has no effect with {read[0]} = {chosen[read[0]]!r}: leave it out, or choose "
         + " or ".join(map(repr, read[1:]))

@@ -343,7 +343,6 @@ class Boundary(Samples):
 
 
 def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[str]:
-    """Why days cannot be put together, a sentence each."""
     zones = sorted({one.time_zone for one in boundaries} - {""})
     if len(zones) > 1:
         yield f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one"

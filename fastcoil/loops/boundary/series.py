@@ -169,7 +169,6 @@ def _numbers(series: Series, value: Values) -> Array:
 
 
 def _value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
-    """A sentence on the first bad value of a series, if it has one."""
     bad = series.is_bad(given.values)
     if not bad.any():
         return []
