@@ -1,6 +1,5 @@
 """What a cell says: a number as written in some country, with a unit or a status, or that there is no value."""
 
-import contextlib
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -113,7 +112,7 @@ def writing_of(columns: Iterable[Sequence[str]], separator: str) -> Writing:
 
 def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
     """The numbers of a column; with ``switch``, words for on and off are 1 and 0."""
-    values = _plain_numbers(cells, writing)
+    values = np.array([_plain_number(cell, writing) for cell in cells], dtype=np.float64)
     missing, marked = np.zeros(len(cells), dtype=bool), np.zeros(len(cells), dtype=bool)
     units: dict[int, str] = {}
     for k in np.flatnonzero(np.isnan(values)).tolist():
@@ -133,14 +132,6 @@ def cells_of(cells: Sequence[str], writing: Writing, *, switch: bool) -> Cells:
                     if unit:
                         units[k] = unit
     return Cells(values, units, missing, marked)
-
-
-def _plain_numbers(cells: Sequence[str], writing: Writing) -> Array:
-    text = "".join(cells)
-    if writing.mark == "." and text.isascii() and "_" not in text:
-        with contextlib.suppress(ValueError):
-            return np.array([float(cell) for cell in cells], dtype=np.float64)
-    return np.array([_plain_number(cell, writing) for cell in cells], dtype=np.float64)
 
 
 def _plain_number(cell: str, writing: Writing) -> float:

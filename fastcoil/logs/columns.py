@@ -192,7 +192,11 @@ def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
     table.check_names("columns", asked, names)
     table.check_names("units", how.units, [name for name in names if name != "timestamp"])
     table.check_names("constants", constants, wanted.names)
-    table.problems += _bad_constants(constants)
+    for name, series in COLUMNS.items():
+        value = constants.get(name, 0.0)
+        if name in constants and (not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
+            bounds = f"{series.lower:g} to {series.upper:g}{'' if series.unit == '1' else f' {series.unit}'}"
+            table.problems.append(f"constants has {name} = {shown(value)}: give a number from {bounds}")
     found, may_be = _find_headers(table, how, names, wanted)
     for one in [*wanted.needed, *wanted.optional, TIMES]:
         choices = (one,) if isinstance(one, str) else one
@@ -308,13 +312,3 @@ def _missing(choices: tuple[str, ...], how: Reading, header: str = "") -> str:
         cure += f"; or give a constant: {constant}"
     unclear = f"{shown(header)} is not clearly it: " if header else ""
     return f"{' or '.join(choices)} is missing: {unclear}{cure}"
-
-
-def _bad_constants(constants: Mapping[str, float]) -> list[str]:
-    problems = []
-    for name, series in COLUMNS.items():
-        value = constants.get(name, 0.0)
-        if name in constants and (not is_number(value) or series.is_bad(np.array([value], dtype=float))[0]):
-            bounds = f"{series.lower:g} to {series.upper:g}{'' if series.unit == '1' else f' {series.unit}'}"
-            problems.append(f"constants has {name} = {shown(value)}: give a number from {bounds}")
-    return problems

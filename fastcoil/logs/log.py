@@ -1,10 +1,8 @@
 """A log as checked arrays in our units, with notes on what was left out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -74,7 +72,7 @@ class Log:
             return moist_air.humidity_ratio_from_dew_point(self.values["T_dp_in"], pressure)
         return self.values["W_a_in"]
 
-    def followed_by(self, other: Log) -> Log:
+    def followed_by(self, other: Self) -> Self:
         """The samples of both logs: those of ``other``, for validation, in separate batches."""
         name = other.name if other.name != self.name else f"{other.name} (validation)"
         uneven = (self.values.keys() ^ other.values.keys()) - {"T_w_out"}
@@ -95,7 +93,7 @@ class Log:
             notes=self.notes + [f"{name}: {note}" for note in other.notes],
         )
 
-    def where(self, kept: Mask) -> Log:
+    def where(self, kept: Mask) -> Self:
         """The samples that are ``kept``, (n,); a batch ends where some are left out."""
         index = np.flatnonzero(kept)
         new = (np.diff(index) > 1) | (np.diff(self.batch[index]) > 0)

@@ -71,10 +71,11 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> floa
         return None
     if not may_be_of_changes(steps) or np.mean(steps > LONG_STEP * np.median(steps)) < _LONG:
         return None
-    changed = {name: _changed(series)[within] for name, series in values.items() if name != "batch"}
-    if not changed or np.mean(np.any(list(changed.values()), axis=0)) < _CHANGES:
+    pairs = [(series[1:], series[:-1]) for name, series in values.items() if name != "batch"]
+    changed = [~((now == before) | (np.isnan(now) & np.isnan(before)))[within] for now, before in pairs]
+    if not changed or np.mean(np.any(changed, axis=0)) < _CHANGES:
         return None
-    if not any(change.sum() > 2 and np.mean(~change) >= _REPEATS for change in changed.values()):
+    if not any(change.sum() > 2 and np.mean(~change) >= _REPEATS for change in changed):
         return None
     return float(_LONGER * np.quantile(steps, _USUAL))
 
@@ -87,12 +88,6 @@ def may_be_of_changes(steps: Array) -> bool:
     regular = np.mean(np.abs(steps - median) <= _ABOUT * median) > _REGULAR
     short, long = np.quantile(steps, _SHORT_AND_LONG)
     return bool(not regular and long >= _SPREAD * short)
-
-
-def _changed(series: Array) -> Mask:
-    """Where a series is not what it was in the row before, (n - 1,)."""
-    same = (series[1:] == series[:-1]) | (np.isnan(series[1:]) & np.isnan(series[:-1]))
-    return np.asarray(~same)
 
 
 _FEW, _MOST_BACK = 5, 1 / 3  # if more steps than both go back in time, no part of the log is in order
@@ -160,7 +155,6 @@ def number_pieces(
 
 
 def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: bool) -> str:
-    """Where time first goes back or stands still, how often it does, and the cure."""
     k, times = int(np.argmax(back)), int(back.sum())
     cure = "give every row a time of its own, to the second, and sort the rows, oldest first"
     if stamped:
@@ -173,7 +167,6 @@ def _backward(time: Array, back: Mask, rows: list[int], how: Reading, stamped: b
 
 
 def _broken(steps: Array, new: Mask, gaps: Mask, median: float, rows: list[int]) -> str:
-    """Where a log that should be one piece breaks, and the cure."""
     k = int(np.argmax(new)) if new.any() else int(np.argmax(np.where(gaps, steps, 0.0)))
     ends, gap = f"rows {rows[k]} and {rows[k + 1]}", f"{steps[k]:g}"
     if new[k]:

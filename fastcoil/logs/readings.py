@@ -15,7 +15,17 @@ from fastcoil.base.errors import InputError, shown
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import Cells, Writing, cells_of, writing_of
 from fastcoil.logs.columns import Reading, Wanted
-from fastcoil.logs.series import COLUMNS, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
+from fastcoil.logs.series import (
+    COLUMNS,
+    MISSING_MARKS,
+    NUMBER,
+    TEMPERATURE,
+    TRAVEL,
+    Series,
+    counted,
+    first_row,
+    in_total,
+)
 from fastcoil.logs.table import Table
 
 _SCATTER = 0.02  # readings up to this share of the column's span outside a bound are taken as the bound
@@ -66,7 +76,7 @@ def read_columns(
             values = _at_bounds(table, series, values, readings.notes)
         values[cells.marked] = np.nan
         bad = series.is_bad(values)
-        missing = cells.missing | cells.marked | series.is_missing_mark(cells.values)
+        missing = cells.missing | cells.marked | np.isin(cells.values, MISSING_MARKS)
         readings.units[name] = unit
         off = _sensor_off(series, cells.values, values)
         wrong = bad & ~missing if sparse else bad
@@ -88,7 +98,11 @@ def read_columns(
             else:
                 readings.complaints.append(complaint)
         if series.units is TRAVEL and name not in how.units:
-            _suspect_signal(series, cells.values[~bad], unit, how, table.notes)
+            numbers = cells.values[~bad]
+            meant, _ = plausibility.signal_of(numbers, unit)
+            said = f"{name} is from {numbers.min():.3g} to {numbers.max():.3g}, read in {unit}" if meant else ""
+            cure = f"write '[{meant}]' in the header, or {how.unit_cure(name, meant)}"
+            table.notes += [f"{said}: if it is a signal in {meant}, {cure}"] if meant else []
         readings.known[name], readings.bad[name], readings.missing[name] = values, bad, missing
     return readings
 
@@ -199,7 +213,7 @@ def _unit_of(
     by_cells = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
     declared = table.declared_units(column) | ({"by units": given} if given else {})
     units = [*declared.items(), *([("by its cells", by_cells)] if by_cells else [])]
-    if not units and not series.needs_no_unit:
+    if not units and series.units is not NUMBER:
         cure = f"{table.cure_of_unit(column, 'UNIT')}, or pass units={{{series.name!r}: 'UNIT'}}"
         cure += f", --unit {series.name}='UNIT'" * has_command
         table.problems.append(f"{series.name} has no unit: {cure} ({series.known_units})")
@@ -221,16 +235,6 @@ def _unit_of(
         table.notes.append(f"{series.name} is in {shown(by_cells)} by its cells")
         return found
     return None
-
-
-def _suspect_signal(series: Series, numbers: Array, unit: str, how: Reading, notes: list[str]) -> None:
-    """Say so where a command looks like a signal in V or mA, or one whose lowest value is the closed valve."""
-    meant, _ = plausibility.signal_of(numbers, unit)
-    if meant:
-        notes.append(
-            f"{series.name} is from {numbers.min():.3g} to {numbers.max():.3g}, read in {unit}: if it is a signal in "
-            f"{meant}, write '[{meant}]' in the header, or {how.unit_cure(series.name, meant)}"
-        )
 
 
 def _complaint(table: Table, series: Series, column: int, unit: str, bad: Mask, marked: Mask, numbers: Array) -> str:
@@ -315,16 +319,14 @@ def _bridge(
     between[1:-1] = near[1:] & near[:-1]
     for name in [n for n in readings.known if n not in (*measured, "elapsed_time", "batch")]:
         values, lost = readings.known[name], bad[name]
-        sound = np.zeros(time.size, dtype=bool)
-        sound[1:-1] = ~lost[2:] & ~lost[:-2]
-        holes = np.flatnonzero(lost & readings.missing[name] & between & sound)
+        filled = lost & readings.missing[name] & between
+        filled[1:-1] &= ~lost[2:] & ~lost[:-2]
+        holes = np.flatnonzero(filled)
         if not holes.size:
             continue
         held = COLUMNS[name].hold
         share = 0.0 if held else (time[holes] - time[holes - 1]) / (time[holes + 1] - time[holes - 1])
         values[holes] = values[holes - 1] + share * (values[holes + 1] - values[holes - 1])
-        filled = np.zeros(time.size, dtype=bool)
-        filled[holes] = True
         lost &= ~filled
         how = "held" if held else "on a straight line between its neighbours"
         first = first_row(table.row_numbers, filled)

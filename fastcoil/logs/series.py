@@ -77,11 +77,6 @@ _FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE
 _LONGEST_UNIT = 16  # letters
 
 
-def known_units(units: Units) -> str:
-    """The end of a message: every unit of a family."""
-    return f"known units: {', '.join(units)}"
-
-
 def spelled(name: str, unit: str, units: Units) -> str:
     """``unit`` of the column ``name`` as ``units`` spells it; ``°C``, ``l/s`` and ``GPM`` are understood."""
     by_folded = {_folded(known): known for known in units}
@@ -92,7 +87,7 @@ def spelled(name: str, unit: str, units: Units) -> str:
         return other
     meant = _ABBREVIATIONS.get(_folded(unit))
     hint = f", did you mean {meant!r}?" if meant in units else nearest(unit, units)
-    raise InputError(f"{name} is in {shown(unit)}{hint} ({known_units(units)})")
+    raise InputError(f"{name} is in {shown(unit)}{hint} (known units: {', '.join(units)})")
 
 
 def is_unit(text: str) -> bool:
@@ -109,7 +104,7 @@ def _folded(unit: str) -> str:
 _ALL = frozenset(_folded(unit) for units in _FAMILIES for unit in units) | _ABBREVIATIONS.keys() | _SPELLINGS.keys()
 
 
-_MISSING_MARKS = (-99.0, -999.0, -9999.0)
+MISSING_MARKS = (-99.0, -999.0, -9999.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +113,8 @@ class Series:
 
     lower, upper: inclusive bounds, in the first of ``units``.  hold: it keeps its value until the next sample; others
     run straight between samples.  whole: it takes whole numbers only.  default: used where it is not given; None if it
-    must be given.  needs_no_unit: its column may leave the unit out.  scatters: its readings may lie a little outside
-    the bounds, as those of a closed valve or a resting flow meter do.
+    must be given.  scatters: its readings may lie a little outside the bounds, as those of a closed valve or a resting
+    flow meter do.
     """
 
     name: str
@@ -130,7 +125,6 @@ class Series:
     hold: bool = False
     whole: bool = False
     default: float | None = None
-    needs_no_unit: bool = False
     scatters: bool = False
 
     @property
@@ -144,7 +138,7 @@ class Series:
 
     @property
     def known_units(self) -> str:
-        return known_units(self.units)
+        return f"known units: {', '.join(self.units)}"
 
     def spelled(self, unit: str) -> str:
         """``unit`` as ``units`` spells it."""
@@ -168,10 +162,6 @@ class Series:
         with np.errstate(invalid="ignore"):
             good = np.isfinite(values) & (values >= self.lower) & (values <= self.upper)
             return ~(good & (values == np.rint(values))) if self.whole else ~good
-
-    def is_missing_mark(self, values: Array) -> Mask:
-        """Where ``values``, as they are logged, mark a missing value."""
-        return np.isin(values, _MISSING_MARKS)
 
     def sentence(self, value: float, where: str, n_bad: int, unit: str | None = None) -> str:
         """A sentence on a bad ``value`` (in ``unit``): where it is, the bounds, and the cure."""
@@ -200,10 +190,8 @@ COLUMNS: dict[str, Series] = {
         Series("T_w_in", "entering water temperature", TEMPERATURE, 0.5, 120.0),
         Series("T_set", "set-point of the supply air temperature", TEMPERATURE, -20.0, 80.0, hold=True),
         Series("noise", "recorded noise of the measured temperature", DIFFERENCE, -50.0, 50.0, default=0.0),
-        Series("enabled", "whether the loop is in operation", NUMBER, 0.0, 1.0,
-               hold=True, whole=True, default=1.0, needs_no_unit=True),
-        Series("backlash_scale", "what the backlash is multiplied by", NUMBER, 0.0, 100.0,
-               hold=True, default=1.0, needs_no_unit=True),
+        Series("enabled", "whether the loop is in operation", NUMBER, 0.0, 1.0, hold=True, whole=True, default=1.0),
+        Series("backlash_scale", "what the backlash is multiplied by", NUMBER, 0.0, 100.0, hold=True, default=1.0),
         Series("elapsed_time", "time", TIME, -1e10, 1e10),  # three centuries
         Series("RH_a_in", "relative humidity of the entering air", FRACTION, 0.0, 1.0, scatters=True),
         Series("T_dp_in", "dew point of the entering air", TEMPERATURE, -60.0, 50.0),
@@ -211,10 +199,10 @@ COLUMNS: dict[str, Series] = {
         Series("m_w", "water flow", WATER_FLOW, 0.0, 1000.0, scatters=True),
         Series("T_sup", "supply air temperature", TEMPERATURE, -40.0, 100.0),
         Series("T_w_out", "leaving water temperature", TEMPERATURE, 0.1, 150.0),
-        Series("test", "whether the valve test runs", NUMBER, 0.0, 1.0, hold=True, whole=True, needs_no_unit=True),
-        Series("batch", "number of the experiment", NUMBER, 0.0, 1e9, hold=True, whole=True, needs_no_unit=True),
+        Series("test", "whether the valve test runs", NUMBER, 0.0, 1.0, hold=True, whole=True),
+        Series("batch", "number of the experiment", NUMBER, 0.0, 1e9, hold=True, whole=True),
     )
-}  # fmt: skip
+}
 """Every column that a log may have, except ``timestamp``."""
 
 TIMES = ("elapsed_time", "timestamp")

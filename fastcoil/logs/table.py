@@ -66,19 +66,6 @@ def _separator_of(text: str) -> str:
     return best if shares[best] > shares[","] else ","
 
 
-def _numbered_rows(path: Path, text: str, separator: str) -> Numbered:
-    """The rows of a file that are not blank, with their numbers."""
-    numbered: Numbered = []
-    n_cells = 0
-    for i, row in enumerate(_rows(text, separator), start=1):
-        n_cells += len(row)
-        if n_cells > _MOST_CELLS:
-            raise InputError(f"{path} has more than {_MOST_CELLS:,} cells: leave out columns, or cut it into parts")
-        if any(map(str.strip, row)):
-            numbered.append((i, row))
-    return numbered
-
-
 def _header_index(rows: Sequence[list[str]]) -> int:
     """Index of the header: the row of names with most data below it before the next such row; 0 if there is none."""
     named = [k for k, row in enumerate(rows) if _may_be_header(row) and _has_data_below(rows, k)]
@@ -112,7 +99,6 @@ def _has_data_below(rows: Sequence[list[str]], k: int) -> bool:
 
 
 def _has_data(cell: str) -> bool:
-    """Whether a cell holds a number or a time."""
     return is_datum(cell) or is_time(cell)
 
 
@@ -247,7 +233,9 @@ class Table:
         text = read_text(path, "a CSV file", _LARGEST, utf_16=True)
         try:
             separator = _separator_of(text)
-            rows = _numbered_rows(path, text, separator)
+            if text.count(separator) + text.count("\n") > _MOST_CELLS:
+                raise InputError(f"{path} has more than {_MOST_CELLS:,} cells: leave out columns, or cut it into parts")
+            rows = [(i, row) for i, row in enumerate(_rows(text, separator), start=1) if any(map(str.strip, row))]
         except csv.Error as error:
             raise InputError(f"{path} is not a CSV file ({error}): save it as 'CSV UTF-8'") from None
         if not rows:
@@ -276,30 +264,25 @@ class Table:
         table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)
         table.units = None if units is None else (units + [""] * width)[:width]
         table._check_header()
-        table._check_widths()
+        ragged = [i for i, row in enumerate(table.rows) if len(row) != width]
+        if ragged:
+            row, number = table.rows[ragged[0]], table.row_numbers[ragged[0]]
+            more = f" ({len(ragged)} rows in total)" if len(ragged) > 1 else ""
+            table.problems.append(
+                f"row {number} has {counted(len(row), 'cell')} where the header has {width}{more}: begin the file with "
+                "the header, separate its cells as those of the rows, complete the row"
+            )
         table.stop_if_wrong()
         table._join_clock()
         table._merge_status()
         return table
 
     def _check_header(self) -> None:
-        """Column names must differ."""
         self.problems += [
             f"column {shown(cell)} appears {count} times: begin the file with the header, name every column once"
             for cell, count in Counter(self.header).items()
             if count > 1 and cell.lower() not in _STATUS
         ]
-
-    def _check_widths(self) -> None:
-        """Every row needs as many cells as the header."""
-        ragged = [i for i, row in enumerate(self.rows) if len(row) != len(self.header)]
-        if ragged:
-            row, number = self.rows[ragged[0]], self.row_numbers[ragged[0]]
-            more = f" ({len(ragged)} rows in total)" if len(ragged) > 1 else ""
-            self.problems.append(
-                f"row {number} has {counted(len(row), 'cell')} where the header has {len(self.header)}{more}: begin "
-                "the file with the header, separate its cells as those of the rows, complete the row"
-            )
 
     def _join_clock(self) -> None:
         """Make a column timestamp of a date and a time of day in separate columns."""

@@ -90,9 +90,14 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
         _check_dim(name, dim, array)
     if not parameter.is_word and array.dtype.kind not in "iuf":
         raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
-    with np.errstate(over="ignore"):  # what overflows is out of bounds
-        flat = array.values.ravel() if parameter.is_word else array.values.ravel().astype(float)
-    bad = [p for p in map(parameter.problem, _suspects(parameter, flat)) if p]
+    flat = array.values.ravel()
+    suspects = flat
+    if not parameter.is_word:
+        with np.errstate(over="ignore"):  # what overflows is out of bounds
+            flat = flat.astype(float)
+        fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
+        suspects = flat[~fine | (flat != np.floor(flat))] if parameter.whole else flat[~fine]
+    bad = [p for p in map(parameter.problem, suspects.tolist()) if p]
     if bad:
         raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
     if not parameter.is_word:
@@ -106,16 +111,6 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
             raise InputError(f"{name}: {unique[counts > 1][0]} appears twice on its axis: leave one out{hint}")
         array = xr.DataArray(values, dims=name)
     return array
-
-
-def _suspects(parameter: Parameter, flat: np.ndarray) -> list[Any]:
-    """Return the values that may be inadmissible; so a million good ones cost nothing."""
-    if parameter.is_word:
-        return [v for v in flat.tolist() if not (isinstance(v, str) and v in parameter.choices)]
-    fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
-    if parameter.whole:
-        fine &= flat == np.floor(flat)
-    return list(flat[~fine].tolist())
 
 
 def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
@@ -313,7 +308,8 @@ def _check_axes(values: Mapping[str, Any]) -> None:
             elif name == dim or dim in value.coords:
                 labels = value.values if name == dim else value.coords[dim].values
                 one, before = labelled.setdefault(str(dim), (name, labels))
-                if not _same_labels(labels, before):
+                is_float = labels.dtype.kind == before.dtype.kind == "f"  # rounded to 12 digits
+                if not (np.allclose(labels, before, 1e-11, 0.0) if is_float else np.array_equal(labels, before)):
                     problems.append(
                         f"{name} has the labels {shown(labels.tolist())} along {dim!r} where {one} has "
                         f"{shown(before.tolist())}: give the same, in one order"
@@ -326,13 +322,6 @@ def _check_axes(values: Mapping[str, Any]) -> None:
             counted = f"{shown(labels.tolist())} along {dim!r} where {bare[0]} counts from 0"
             problems.append(f"{name} has the labels {counted}: give {name} in that order, or without labels")
     refuse(problems)
-
-
-def _same_labels(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether labels are alike, numbers to the 12 digits that they are rounded to."""
-    if one.dtype.kind == other.dtype.kind == "f":
-        return np.allclose(one, other, rtol=1e-11, atol=0.0)
-    return np.array_equal(one, other)
 
 
 def words_of(values: Mapping[str, Any], kind: str) -> set[str]:

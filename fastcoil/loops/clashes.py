@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arguments import refuse
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.humidity import MIST
 from fastcoil.loops.loop import Loop, words_used
 from fastcoil.loops.presets import COOLING
 from fastcoil.loops.scenarios import Layout
@@ -50,8 +50,7 @@ def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
         *missing_parameters(loop),
         *controller_clashes(loop, T_set),
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def missing_parameters(loop: Loop) -> list[str]:
@@ -248,6 +247,9 @@ def _is_changed(loop: Loop, name: str) -> bool:
 FAR = 35.0
 """Water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does."""
 
+MIST = 1.05
+"""Relative humidity up to which air may be mist, or readings may be rounded."""
+
 IDLE = 10.0
 """Air that is always so much beyond its set-point, K, leaves a loop nothing to do."""
 
@@ -256,8 +258,12 @@ def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
     """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
     doubts = list(_doubts(loop, boundary)) if closed else []
     pressure = float(np.max(np.asarray(loop["pressure"])))
-    if boundary.dampest.ratio * pressure > MIST:
-        doubts.append(boundary.dampest.sentence(pressure))
+    damp, sample = boundary.dampest
+    if damp * pressure > MIST:
+        doubts.append(
+            f"{sample} is a relative humidity of {damp * pressure:.0%} at {pressure:.6g} Pa: check the units of both, "
+            "or give the loop the pressure of the place"
+        )
     for doubt in doubts:
         warnings.warn(doubt, stacklevel=5)
 
@@ -339,16 +345,14 @@ def stable(loop: Loop, boundary: Boundary) -> xr.DataArray:
 
 def _stability_numbers(layout: Layout) -> np.ndarray:
     """γ and λ of every scenario, (2, n)."""
-    found = []
+    found, ends = [], layout.boundary.extremes
+    air_flows = np.linspace(*ends["m_a"], _AIR_FLOWS)
     for start in range(0, layout.size, _CHUNK):
         columns = layout.columns(np.arange(start, min(start + _CHUNK, layout.size)))
-        slope = _wet_slope(layout.boundary, columns)
-        found.append(worst_numbers(parameter_matrix(columns), _air_flows(layout.boundary), slope))
+        coldest = min(ends["T_w_in"][0], ends["T_a_in"][0], columns["T_initial"].min())
+        slope = wet_slope(ends["W_a_in"][1], coldest, float(columns["pressure"].min()))
+        found.append(worst_numbers(parameter_matrix(columns), air_flows, slope))
     return np.concatenate(found, axis=1)
-
-
-def _air_flows(boundary: Boundary) -> np.ndarray:
-    return np.linspace(*boundary.extremes["m_a"], _AIR_FLOWS)
 
 
 def _coil_and_valve(layout: Layout) -> Layout:
@@ -363,14 +367,10 @@ def _coil_and_valve(layout: Layout) -> Layout:
     return Layout(Loop(**given), layout.boundary)
 
 
-def _wet_slope(boundary: Boundary, columns: dict[str, np.ndarray]) -> float:
-    pressure = float(columns["pressure"].min())
-    extremes = boundary.extremes
-    dew_point = float(moist_air.wetting_point(extremes["W_a_in"][1], pressure))
-    coldest = min(extremes[n][0] for n in ("T_w_in", "T_a_in"))
-    if min(coldest, columns["T_initial"].min()) >= dew_point:
-        return 0.0
-    return float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
+def wet_slope(W: float, coldest: float, pressure: float) -> float:
+    """dh_s/dT at the dew point of the dampest air, 0 of a coil that cannot get wet."""
+    dew_point = float(moist_air.wetting_point(W, pressure))
+    return 0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure))
 
 
 def _verdict(layout: Layout, coil: Layout, n_bad: int, worst: int, gamma: float, lam: float) -> str:

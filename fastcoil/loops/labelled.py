@@ -79,7 +79,10 @@ def _of_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.
         labels = index
         if isinstance(index, pd.DatetimeIndex) and index.size:
             first, labels = index[0], index - index[0]
-            zone = {} if first.tzinfo is None else {"time_zone": zone_of(first)}
+            zone = {}
+            if first.tzinfo is not None:  # its name, or its offset from UTC
+                named = getattr(first.tzinfo, "key", None) or getattr(first.tzinfo, "zone", None)
+                zone["time_zone"] = str(named or offset_text(round(first.utcoffset().total_seconds() / 60)))
             coords["start"] = xr.Variable((), np.datetime64(first.tz_localize(None), "ns"), zone)
         if index.name is not None or not labels.equals(pd.RangeIndex(index.size)):
             coords[dim] = xr.Variable(dim, labels.values)
@@ -87,12 +90,6 @@ def _of_pandas(name: str, value: Any, axes: list[tuple[Any, str | None]]) -> xr.
             raise InputError(f"{name} has {dim} along both axes of the DataFrame: give the other one its own name")
         dims.append(dim)
     return xr.DataArray(value.to_numpy(), coords, dims, attrs=dict(value.attrs))
-
-
-def zone_of(time: Any) -> str:
-    """The time zone of a time that has one: its name, or its offset from UTC."""
-    name = getattr(time.tzinfo, "key", None) or getattr(time.tzinfo, "zone", None)
-    return str(name or offset_text(round(time.utcoffset().total_seconds() / 60)))
 
 
 def in_our_unit(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
@@ -112,10 +109,13 @@ def in_our_unit(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
 class Course(NamedTuple):
     """What the labels of a series of 1-s samples say; None where they say nothing.
 
-    day: its labels, () or (n_days,).  second: ``elapsed_time`` of the first sample, s.  start: its date and time, () or
-    (n_days,) datetime64[us].  time_zone: of ``start``; blank if that has none.
+    n_steps, n_days: how many samples a day has, and how many days there are.  day: its labels, () or (n_days,).
+    second: ``elapsed_time`` of the first sample, s.  start: its date and time, () or (n_days,) datetime64[us].
+    time_zone: of ``start``; blank if that has none.
     """
 
+    n_steps: int | None = None
+    n_days: int | None = None
     day: NDArray[Any] | None = None
     second: float | None = None
     start: NDArray[np.datetime64] | None = None
@@ -148,7 +148,8 @@ def course_of(name: str, array: xr.DataArray) -> Course:
             raise InputError(WrongType(f"start is of type {of_zero.dtype}: give dates and times, datetime64"))
         start = of_zero.values.astype("datetime64[us]") + np.timedelta64(round(1e6 * (second or 0.0)), "us")
         zone = of_zero.attrs.get("time_zone", "")
-    return Course(array.coords["day"].values if "day" in array.coords else None, second, start, zone)
+    day = array.coords["day"].values if "day" in array.coords else None
+    return Course(array.sizes.get("elapsed_time"), array.sizes.get("day"), day, second, start, zone)
 
 
 def _seconds(name: str, along: xr.DataArray) -> Array:

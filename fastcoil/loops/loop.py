@@ -14,7 +14,7 @@ from typing import Any, Unpack
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import instance_of, refuse
+from fastcoil.base.arguments import choice_of, instance_of, refuse
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.loops.assignment import NO_RULES, WORD, assigned, checked_value, table_of, taken, with_defaults, words_of
 from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, describe_parameters, take_parameters
@@ -54,12 +54,7 @@ class Loop:
 
         ``fc.presets()`` describes each.  converged: as in ``Loop``.
         """
-        known = f"choose one of {', '.join(PRESETS)}"
-        if not isinstance(name, str):
-            raise InputError(WrongType(f"preset = {shown(name)}: {known}"))
-        if name not in PRESETS:
-            raise InputError(f"preset = {shown(name)}: unknown{nearest(name, PRESETS)}; {known}")
-        return cls(**PRESETS[name].values, converged=converged)
+        return cls(**PRESETS[choice_of("preset", name, PRESETS)].values, converged=converged)
 
     @classmethod
     def from_dataset(cls, ds: xr.Dataset, rules: Sequence[Rule] = ()) -> Loop:

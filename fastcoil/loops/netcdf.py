@@ -15,7 +15,7 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -73,7 +73,14 @@ def save(ds: xr.Dataset, path: Path) -> None:
 
 def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
     """Write or append to an unpublished file, without a copy of it in memory."""
-    _written(ds, str(path), mode, _encoding(ds))
+    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > LARGE}
+    # CF 2.5.1: nothing is missing in a coordinate
+    complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
+    encoding = {
+        n: (COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
+        for n in large | complete
+    }
+    _written(ds, str(path), mode, encoding)
 
 
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
@@ -122,16 +129,6 @@ def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, 
                 close(file)
             raise
         return close(file)
-
-
-def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, object]]:
-    large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > LARGE}
-    # CF 2.5.1: nothing is missing in a coordinate
-    complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
-    return {
-        n: (COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
-        for n in large | complete
-    }
 
 
 CLOCK = ("start", "time")
@@ -201,15 +198,16 @@ class StoredFile:
             raise IntegrityError(f"{self.path} is no regular file; {self.cure}")
         return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
-    def check(self, *, afresh: bool = False) -> str:
-        """Compare the hash of its bytes, computed ``afresh`` or remembered, and return it.
-
-        ``StorageError`` if it cannot be read, ``IntegrityError`` if it is not what was written.
-        """
+    def sha256(self, *, afresh: bool = False) -> str:
+        """SHA-256 of its bytes, computed ``afresh`` or only if the file changed; raises as ``identity``."""
         digest = _sha256_of.__wrapped__ if afresh else _sha256_of
         identity = self.identity()
         with storage_errors(self.path, "read"):
-            found: str = digest(self.path, identity)
+            return str(digest(self.path, identity))
+
+    def check(self, *, afresh: bool = False) -> str:
+        """Compare ``sha256`` and return it; ``IntegrityError`` if it is not that of what was written."""
+        found = self.sha256(afresh=afresh)
         if found not in self.accepted:
             raise IntegrityError(
                 f"{self.path} is damaged, or not of this run (the hash of its bytes differs); {self.cure}"
@@ -265,13 +263,8 @@ def _sha256_of(path: Path, identity: Identity) -> str:
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of the bytes of a file, computed again only if the file changed.
-
-    ``StorageError`` if it cannot be read, ``IntegrityError`` if it is missing or no regular file.
-    """
-    identity = StoredFile(path, (), "run the study again").identity()
-    with storage_errors(path, "read"):
-        return _sha256_of(path, identity)
+    """SHA-256 of the bytes of a file, see ``StoredFile.sha256``."""
+    return StoredFile(path, (), "run the study again").sha256()
 
 
 def try_reading(path: Path, cure: str) -> StoredFile:
@@ -285,14 +278,11 @@ def try_reading(path: Path, cure: str) -> StoredFile:
     if identity not in _passed:
         seconds = int(_SECONDS + identity[2] / _BYTES_PER_SECOND)
         words = [path, seconds, _MEMORY, json.dumps([p for p in sys.path if p])]
+        command = [sys.executable, "-I", str(_READER), *map(str, words)]
         try:
             with storage_errors(path, "read by another process"):
                 child = subprocess.run(
-                    [sys.executable, "-I", str(_READER), *map(str, words)],
-                    stdin=subprocess.DEVNULL,
-                    capture_output=True,
-                    check=False,
-                    timeout=seconds,
+                    command, stdin=subprocess.DEVNULL, capture_output=True, timeout=seconds, check=False
                 )
         except subprocess.TimeoutExpired:
             raise IntegrityError(f"{path} is damaged: reading it did not end in {seconds} s; {cure}") from None

@@ -4,8 +4,6 @@ A shard is a set of scenarios that one worker runs.  Independent days are cut an
 shard is some lanes (one loop and replicate each) on all days from the first on.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Sequence
@@ -226,7 +224,13 @@ def plan_simulation(
         seed = check(whole_of, "seed", seed, *RUN_LIMITS["seed"])
         replicates = check(whole_of, "replicates", replicates, *RUN_LIMITS["replicates"])
         carry_over = check(flag_of, "carry_over", carry_over)
-        check.problems += _trace_problems(traces) + _series_problems(loop, boundary)
+        check.problems += _trace_problems(traces)
+        check.problems += [  # most likely series, and not sweeps
+            f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}; "
+            f'to sweep it, name the dimension: {name}=("sample", values)'
+            for name, value in loop.swept.items()
+            if value.dims == (name,) and value.size == boundary.n_steps >= SHORTEST_SERIES
+        ]
         if not check.problems and boundary.n_steps <= warm_up:
             check.problems.append(
                 f"the {'first day' if carry_over else 'boundary'} lasts {boundary.n_steps} s, the warm-up "
@@ -265,16 +269,6 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
     if plan.command is not None:
         attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
     return attrs
-
-
-def _series_problems(loop: Loop, boundary: Boundary) -> list[str]:
-    """Lists of values that are as long as the boundary: most likely series, and not sweeps."""
-    return [
-        f"{name} has {value.size:,} values, one for each second of the boundary: {SERIES_HINT}; "
-        f'to sweep it, name the dimension: {name}=("sample", values)'
-        for name, value in loop.swept.items()
-        if value.dims == (name,) and value.size == boundary.n_steps >= SHORTEST_SERIES
-    ]
 
 
 def _trace_problems(traces: object) -> list[str]:
@@ -317,7 +311,7 @@ class Shard:
     def size(self) -> int:
         return self.lanes.size * (self.end - self.first)
 
-    def halves(self) -> list[Shard]:
+    def halves(self) -> "list[Shard]":
         """Two groups of its lanes."""
         return [replace(self, lanes=half) for half in np.array_split(self.lanes, 2)]
 

@@ -14,7 +14,7 @@ import xarray as xr
 from fastcoil.base.arguments import instance_of, refuse
 from fastcoil.base.errors import InputError, IntegrityError, shown
 from fastcoil.loops.boundary import Boundary
-from fastcoil.loops.boundary.series import Frame, is_changed, read_series
+from fastcoil.loops.boundary.series import is_changed, read_series
 from fastcoil.loops.labelled import Course
 from fastcoil.loops.loop import Loop, forgetting, words_used
 from fastcoil.loops.netcdf import CLOCK
@@ -76,11 +76,10 @@ class Layout:
 
     def describe(self, flat: int) -> str:
         """One scenario in words: its labels in the sweep; empty if there is only one scenario."""
-        labels, swept = self.coordinates(), self.loop.swept
+        labels = self.coordinates()
         place = np.unravel_index(flat, tuple(self.sizes.values())) if self.sizes else ()
         at = {d: labels[d].values[i] for d, i in zip(self.sizes, place, strict=True)}
-        named = [f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items() if d in swept or d in labels]
-        return ", ".join(named)
+        return ", ".join(f"{d}={v}" if isinstance(v, str) else f"{d}={v:g}" for d, v in at.items())
 
     def coordinates(self) -> dict[str, xr.DataArray]:
         """Labels of every dimension and the swept parameters along them."""
@@ -218,7 +217,7 @@ def commands_of(command: Any, boundary: Boundary) -> np.ndarray | None:
     if command is None:
         return None
     problems: list[str] = []
-    known = Frame(boundary.n_steps, Course(boundary.day, 0.0, boundary.start, boundary.clock_zone))
+    known = Course(boundary.n_steps, None, boundary.day, 0.0, boundary.start, boundary.clock_zone)
     given, _ = read_series({"command": command}, problems, known=known)
     refuse(problems)
     return given["command"].spread(boundary.n_days, boundary.n_steps)

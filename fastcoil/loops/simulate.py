@@ -26,15 +26,7 @@ from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.loops.valve_test import ValveTest
 from fastcoil.model.engine.emulator import Day
-from fastcoil.model.engine.lanes import (
-    Block,
-    TraceRequest,
-    WorkSpace,
-    blocks,
-    parameter_matrix,
-    run_block,
-    work_space,
-)
+from fastcoil.model.engine.lanes import Block, TraceRequest, WorkSpace, blocks, parameter_matrix, run_block, work_space
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.jit import compiled_for
 from fastcoil.model.user_rules import rules_for_kernels
@@ -198,21 +190,16 @@ def _seconds_of(plan: Plan, piece: np.ndarray) -> float:
     blocks(matrix, rules)  # compiles, once, what its blocks call
     start = time.perf_counter()
     made = [block for _, block in blocks(matrix, rules)]
-    day = plan.days[int(columns["day"][0])]
-    seconds = time.perf_counter() - start + len(made) * _seconds_of_block(plan, made[len(made) // 2], day)
-    return seconds * piece.size / int(np.count_nonzero(of_day))
-
-
-def _seconds_of_block(plan: Plan, block: Block, day: Day) -> float:
-    n_steps = min(plan.n_steps, _STEPS_TIMED)
+    day, n_steps = plan.days[int(columns["day"][0])], min(plan.n_steps, _STEPS_TIMED)
+    seconds, of_block = time.perf_counter() - start, np.inf
     flags = day.schedule._replace(flags=day.schedule.flags[:n_steps])
     part = day._replace(series=day.series[:n_steps], command=day.command[:n_steps], schedule=flags)
-    seconds = []
     for _ in range(2):
         start = time.perf_counter()
-        run_interruptibly(block, part, plan.traces)
-        seconds.append(time.perf_counter() - start)
-    return min(seconds) * plan.n_steps / n_steps
+        run_interruptibly(made[len(made) // 2], part, plan.traces)
+        of_block = min(of_block, time.perf_counter() - start)
+    seconds += len(made) * of_block * plan.n_steps / n_steps
+    return seconds * piece.size / int(np.count_nonzero(of_day))
 
 
 def simulate(

@@ -1,9 +1,7 @@
 """``ValveTest``: twenty minutes in which the command goes up and down, so that the temperature tells the gap."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Self
 
 from fastcoil.base.arguments import checking
 from fastcoil.loops.assignment import checked_value
@@ -73,12 +71,12 @@ class ValveTest:
                 check(checked_value, replace(known, name=field.name), getattr(self, field.name))
 
     @classmethod
-    def gentle(cls, **options: Any) -> ValveTest:
+    def gentle(cls, **options: Any) -> Self:
         """The test that moves the temperature less: 45 minutes, most days within 1 K."""
         return cls(**{"minutes": 45.0, "rate": 3e-4, "threshold": 0.1, "hold": 90.0, "excursion": 1.0} | options)
 
     @classmethod
-    def heating(cls, **options: Any) -> ValveTest:
+    def heating(cls, **options: Any) -> Self:
         """The test of a heating coil, whose temperature answers more: 30 minutes, within 3 K."""
         return cls(**{"minutes": 30.0, "rate": 5e-4, "hold": 60.0, "excursion": 3.0} | options)
 

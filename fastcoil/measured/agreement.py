@@ -117,7 +117,9 @@ def implied_law(
     compared, error = good, np.where(good, temperature - np.mean(temperature[good]), 0.0)
     if T_set is not None:
         if settled:
-            compared = good & ~_shortly_after(np.diff(T_set) != 0.0, int(_AFTER_SET_POINT / interval))
+            changed = np.append(False, np.diff(T_set) != 0.0)
+            shortly_after = np.convolve(changed, np.ones(int(_AFTER_SET_POINT / interval) + 1))[: good.size] > 0.5
+            compared = good & ~shortly_after
         error = np.where(compared, temperature - T_set, 0.0)
     total = np.concatenate([[0.0], np.cumsum(interval * error)])
     before = width if T_set is None else 0
@@ -161,9 +163,3 @@ def implied_law(
     late = best if _CLEARER * left[best] < left[0] else 0
     least = 1.0 - max(_UNANSWERED, _UNANSWERED_PER_SECOND * interval) - (_UNANSWERED if before else 0.0)
     return Law(late, 1.0 - left[late], least, ti[late], memory[late])
-
-
-def _shortly_after(changed: Mask, samples: int) -> Mask:
-    """The samples from each change on, (n,); changed: from each sample to the next, (n - 1,)."""
-    since = np.convolve(np.concatenate([[False], changed]), np.ones(samples + 1))
-    return np.asarray(since[: changed.size + 1] > 0.5)

@@ -1,7 +1,5 @@
 """The least-squares problem of a coil: the log as 1-s series, the model over many parameter sets, and its solution."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -14,13 +12,13 @@ from fastcoil.base.errors import InputError
 from fastcoil.logs import Log
 from fastcoil.logs.pieces import at_seconds, require_whole_seconds
 from fastcoil.logs.series import counted, first_row
+from fastcoil.loops.clashes import wet_slope
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import columns_of
 from fastcoil.loops.simulate import within
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.least_squares import Estimate, Model, Uncertainty, minimise, uncertainty
 from fastcoil.measured.part import Part, unbroken
-from fastcoil.model import moist_air
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.plant import worst_numbers
 from fastcoil.model.engine.recorded import COIL_COLUMNS, run_coil
@@ -69,7 +67,7 @@ class Record:
     limits: Limits  # in the part to fit
     limits_of_all: Limits
 
-    def until(self, n_samples: int) -> Record:
+    def until(self, n_samples: int) -> "Record":
         """The record up to its first samples."""
         kept = []
         for piece in self.pieces:
@@ -93,7 +91,7 @@ class Record:
 
     def run(self, sets: Array) -> dict[str, Array]:
         """Each of ``RECORDED`` at the samples with each parameter set (8, sets), (n, sets); NaN for unstable sets."""
-        matrix, unstable = self._matrix(sets), self._unstable(sets, self.limits)
+        matrix, unstable = self._matrix(sets), self.unstable(sets, self.limits)
         # Ctrl-C is heard while a long one runs
         of_pieces = within(None, lambda: [run_coil(matrix, piece.series, piece.at) for piece in self.pieces])
         found = dict(zip(RECORDED, map(np.concatenate, zip(*of_pieces, strict=True)), strict=True))
@@ -101,11 +99,7 @@ class Record:
             series[:, unstable] = np.nan
         return found
 
-    def is_stable(self, x: Array) -> bool:
-        """Whether a parameter set (8, 1) is stable over all of the log, the held-back part included."""
-        return not self._unstable(x, self.limits_of_all)[0]
-
-    def _unstable(self, sets: Array, limits: Limits) -> Mask:
+    def unstable(self, sets: Array, limits: Limits) -> Mask:
         """Sets (8, sets) with γ or λ above 1 at the flows of ``limits``, (sets,)."""
         matrix = self._matrix(sets)
         # a valve that delivers just that at full opening
@@ -181,13 +175,11 @@ def number_in(loop: Loop, name: str) -> float:
 
 
 def _limits(values: Mapping[str, Array], loop: Loop) -> Limits:
-    pressure = number_in(loop, "pressure")
-    dew_point = float(moist_air.wetting_point(values["W_a_in"].max(), pressure))
     coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), number_in(loop, "T_initial"))
     return Limits(
         m_w_max=float(values["m_w"].max()),
         m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
-        wet_slope=0.0 if coldest >= dew_point else float(moist_air.saturation_enthalpy_slope(dew_point, pressure)),
+        wet_slope=wet_slope(values["W_a_in"].max(), coldest, number_in(loop, "pressure")),
     )
 
 
@@ -235,24 +227,17 @@ class CoilProblem:
                 f"samples are {data.step:.4g} s apart and the inputs run straight between them: if some hold until the "
                 "next sample, name them: holds=['m_w'], --hold m_w"
             )
-        self.prior = self._prior()
+        # ln of the C_w with γ = 1 at the largest flow
+        least = record.limits.m_w_max * number_in(record.loop, "cp_w") * number_in(record.loop, "n_volumes")
+        self.least_C_w = math.log(least / 8.0 / number_in(record.loop, "substeps"))
+        ln_C_w, ln_ntu = self.least_C_w + math.log(1.05), math.log(0.35)
+        self.prior = np.array([ln_C_w, ln_C_w + math.log(10.0 / 8.8), ln_ntu, 0.0, ln_ntu, 0.0, ln_ntu, 0.0])
+        self.prior[list(_PRIOR_EXPONENT)] = list(_PRIOR_EXPONENT.values())
         self.held: dict[int, str] = {}
         for flow, exponents, what in (("m_a", (BETA4, BETA6), "air"), ("m_w", (BETA2,), "water")):
             values = data.values[flow][compared]
             if np.ptp(values) < _CONSTANT * values.mean():
                 self.held |= {k: f"held at a prior: the {what} flow is constant" for k in exponents}
-
-    def _prior(self) -> Array:
-        """The values of parameters that the data do not identify."""
-        ln_C_w, ln_ntu = self._least_C_w() + math.log(1.05), math.log(0.35)
-        x = np.array([ln_C_w, ln_C_w + math.log(10.0 / 8.8), ln_ntu, 0.0, ln_ntu, 0.0, ln_ntu, 0.0])
-        x[list(_PRIOR_EXPONENT)] = list(_PRIOR_EXPONENT.values())
-        return x
-
-    def _least_C_w(self) -> float:
-        """ln of the C_w with γ = 1 at the largest flow."""
-        cp_w, n_volumes, substeps = (number_in(self.record.loop, name) for name in ("cp_w", "n_volumes", "substeps"))
-        return math.log(self.record.limits.m_w_max * cp_w * n_volumes / 8.0 / substeps)
 
     @property
     def coupling(self) -> Array:
@@ -269,7 +254,7 @@ class CoilProblem:
             run = part.run(self.coupling @ sets)
             return np.concatenate([run[name] - measured[:, None] for name, measured, _ in compared])
 
-        low = self._least_C_w()
+        low = self.least_C_w
         lower = np.array([low, low - 5.0, -5.0, -2.0, -5.0, -2.0, -5.0, -2.0])
         upper = np.array([low + 4.0, low + 8.0, 3.0, 1.0, 3.0, 1.0, 3.0, 1.0])
         segment = np.concatenate([self.data.batch[:n] + k * self.data.n_batches for k in range(len(compared))])
@@ -284,7 +269,7 @@ class CoilProblem:
         low = np.array([[0.02, -1.0, -2.5, -0.6, -2.5, -0.7, -0.4, -0.7]]).T
         high = np.array([[1.5, 3.0, 1.0, 0.0, 1.0, 0.0, 0.4, 0.0]]).T
         x = low + (high - low) * qmc.Sobol(8, seed=0).random(_N_STARTS).T
-        x[LN_C_W] += self._least_C_w()
+        x[LN_C_W] += self.least_C_w
         x[LN_C_C] += x[LN_C_W]
         x[LN_NTU_STAR] += x[LN_NTU_A]
         held = list(self.held)

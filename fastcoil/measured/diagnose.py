@@ -211,11 +211,11 @@ def identified(
 ) -> tuple[Identification, Measures]:
     """The backlash as far as a log may claim it, and what it shows before any model; times in s."""
     days = []
-    for day in grid.days():
-        values = {name: series[day] for name, series in grid.values.items()}
+    for day in map(grid.part, grid.days()):
+        values = day.values
         inputs = tuple(values[name] for name in ("m_a", "T_a_in") if name in values)
         days.append(
-            shown_by(values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, grid.on[day],
+            shown_by(values["command"], values["T_sup"], grid.interval, values.get("T_set"), inputs, day.on,
                      stroke_time, sample_time, lag)
         )  # fmt: skip
     measures = measures_of(grid, stroke_time)
@@ -250,7 +250,6 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
 
 
 def _signals(grid: Grid, measures: Measures) -> xr.Dataset:
-    """The log as it was used."""
     series = {name: ("elapsed_time", values, {"units": COLUMNS[name].unit}) for name, values in grid.values.items()}
     series["position"] = ("elapsed_time", measures.position, {"units": "1"})
     calm = xr.DataArray(measures.calm, dims="elapsed_time")

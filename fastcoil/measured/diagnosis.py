@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -102,7 +102,9 @@ class Diagnosis(Result):
         """The diagnosis in words, line by line."""
         hours = self.signals.attrs["hours"]
         lines = [f"{self.source}: {hours:.1f} h, a sample every {self.signals.attrs['interval']:.4g} s"]
-        lines += [self.headline, *_controller(self), *filter(None, [self.advice.reason])]
+        kp, ti, every = (float(self.indices[name]) for name in ("kp", "ti", "sample_time"))
+        controller = "" if np.isnan(kp) else f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"
+        lines += [self.headline, *filter(None, [controller, self.advice.reason])]
         lines += [*_predicted(self, ("as_found", "simc")), gap_in_words(self), _hunting(self)]
         if self.identified and self.backlash > GOOD:
             lines += _predicted(self, ("no_gap", "half_gap", "inverse"))
@@ -159,22 +161,13 @@ class Diagnosis(Result):
 
         ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
         """
-        low, high = self.interval
-        of_fit = {"kind": "diagnosis", "source": self.source, "identified": self.identified, "reason": self.reason,
-                  "cause": self.cause, "because": self.because, "notes": self.notes}  # fmt: skip
-        lines = [
-            f"# backlash fitted to {self.source} by fastcoil diagnose",
-            *(f"# {one}" for one in self.summary()[1:]),
-        ]
-        lines += toml_table("loop", {"backlash": self.backlash} if self.identified else {})
-        lines += toml_table("fit", of_fit) + toml_table("fit.interval_95", {"backlash": [low, high]})
-        lines += toml_table("fit.indices", {str(name): float(value) for name, value in self.indices.items()})
+        lines = toml_table("fit.indices", {str(name): float(value) for name, value in self.indices.items()})
         if self.predictions is not None:
             for case in self.predictions["case"].values:
                 one = self.predictions.sel(case=case)
                 numbers = {str(name): float(value) for name, value in one.drop_vars("doubt").items()}
                 lines += toml_table(f"fit.predictions.{case}", {"doubt": str(one["doubt"].values), **numbers})
-        return as_toml(lines, path)
+        return gap_as_toml(self, "diagnose", "diagnosis", {}, lines, path)
 
 
 class Advised(NamedTuple):
@@ -188,11 +181,6 @@ class Advised(NamedTuple):
     """What to do and what it brings, in a sentence."""
 
 
-def _controller(d: Diagnosis) -> list[str]:
-    kp, ti, every = (float(d.indices[name]) for name in ("kp", "ti", "sample_time"))
-    return [] if np.isnan(kp) else [f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"]
-
-
 def profile_of(found: Identification) -> xr.Dataset:
     """The probability of each size."""
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
@@ -200,6 +188,17 @@ def profile_of(found: Identification) -> xr.Dataset:
         {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
         {"backlash": ("backlash", found.candidates, attrs)},
     )
+
+
+def gap_as_toml(
+    d: Any, command: str, kind: str, numbers: Mapping[str, float], more: Sequence[str], path: str | Path | None
+) -> str:
+    """The gap as TOML, with ``numbers`` of the fit; ``more``: tables at the end."""
+    of_fit = {"kind": kind, "source": d.source, "identified": d.identified, "reason": d.reason, "cause": d.cause,
+              "because": d.because, **numbers, "notes": d.notes}  # fmt: skip
+    lines = [f"# backlash fitted to {d.source} by fastcoil {command}", *(f"# {one}" for one in d.summary()[1:])]
+    lines += toml_table("loop", {"backlash": d.backlash} if d.identified else {}) + toml_table("fit", of_fit)
+    return as_toml([*lines, *toml_table("fit.interval_95", {"backlash": list(d.interval)}), *more], path)
 
 
 def gap_in_words(d: Any) -> str:
@@ -213,7 +212,6 @@ def gap_in_words(d: Any) -> str:
 
 
 def _hunting(d: Diagnosis) -> str:
-    """Whether the loop hunts, and why."""
     size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
     if d.cause == NONE:
         error = float(d.indices["error_rms_settled"])
@@ -269,7 +267,7 @@ _MORE = 1.3  # a swing of some hours is that much larger than the mean of the lo
 _LONG = 48  # hours from which the strip shows days
 _SHADES = (FAINT, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
 _COLOURS = dict(zip(STATES, _SHADES, strict=True))
-_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
+ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 
 def _telling(signals: xr.Dataset) -> slice:
@@ -299,7 +297,7 @@ def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
     axes.set_title("Hour by hour", loc="left")
     occur = [one for one in STATES if one in state]
     axes.legend(handles=[Patch(color=_COLOURS[one], label=one) for one in occur], ncols=len(occur), handlelength=0.8,
-                columnspacing=1.0, **_ABOVE)  # fmt: skip
+                columnspacing=1.0, **ABOVE)  # fmt: skip
 
 
 def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
@@ -310,7 +308,7 @@ def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
     above.set_ylabel("temperature [°C]")
     above.tick_params(labelbottom=False)
     above.set_title("Two telling hours", loc="left")
-    above.legend(ncols=2, **_ABOVE)
+    above.legend(ncols=2, **ABOVE)
     below.step(hours, 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
     below.set(xlabel="time [h]", ylabel="command [%]")
     below.margins(x=0.01)
@@ -325,7 +323,7 @@ def draw_profile(axes: Axes, d: Any) -> None:
     axes.set(xlabel="backlash [% of stroke]", ylabel="probability [%]")
     axes.set_xlim(-0.5, max(100 * high, 8.0) * 1.15)
     axes.set_title("Identified" if d.identified else "Not identified", loc="left")
-    axes.legend(**_ABOVE)
+    axes.legend(**ABOVE)
 
 
 def _draw_predictions(axes: Axes, d: Diagnosis) -> None:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
@@ -198,7 +197,12 @@ def finished(
     count.  series: the measured and modelled ones with their units.  names, covariance: of the estimated parameters.
     """
     of_log = np.where(fitting, FITTING, VALIDATION)
-    part, rmse = np.where(compared, of_log, UNUSED), rmse_of(of_log, errors)
+    part, rmse = np.where(compared, of_log, UNUSED), {}
+    for name in (FITTING, VALIDATION):
+        for ending, error in errors.items():
+            here = (of_log == name) & np.isfinite(error)
+            if here.any():
+                rmse[f"{name}{ending}"] = float(np.sqrt(np.mean(error[here] ** 2)))
     measured, _, _, check = _SHOWN[kind]
     columns = {"part": part, "batch": data.batch, "row": data.rows, "log": np.array(data.names)[data.source]}
     return Fit(
@@ -223,17 +227,6 @@ def natural_interval(middle: float, half: float, of_logarithm: bool) -> tuple[fl
     """95 % interval of a parameter that may be searched by its logarithm."""
     low, high = middle - half, middle + half
     return (math.exp(low), math.exp(min(high, 700.0))) if of_logarithm else (low, high)
-
-
-def rmse_of(part: NDArray[np.str_], errors: Mapping[str, Array]) -> dict[str, float]:
-    """RMSE by part of the log, for each of the ``errors``, whose names are endings."""
-    found = {}
-    for name in (FITTING, VALIDATION):
-        for ending, error in errors.items():
-            here = (part == name) & np.isfinite(error)
-            if here.any():
-                found[f"{name}{ending}"] = float(np.sqrt(np.mean(error[here] ** 2)))
-    return found
 
 
 def profile_of(

@@ -125,7 +125,6 @@ def _held_inputs(holds: Any) -> tuple[str, ...]:
 
 
 def _fit_of(problem: CoilProblem, started: float) -> Fit:
-    """The fit with everything a user may ask of it."""
     record, data, notes = problem.record, problem.data, problem.notes
     best, spread, wet = problem.solve()
     x = problem.coupling @ best.x[:, None]
@@ -164,7 +163,7 @@ def _compared(problem: CoilProblem, x: Array) -> tuple[dict[str, tuple[Array, st
     """Measured and modelled series with their units, and the errors that count."""
     data, compared = problem.data, problem.compared
     found = {name: values[:, 0] for name, values in problem.record.run(x).items()}
-    if not problem.record.is_stable(x):
+    if problem.record.unstable(x, problem.record.limits_of_all)[0]:
         for values in found.values():
             values[~problem.fitting] = np.nan
         problem.notes.append(

@@ -7,8 +7,6 @@ other.  The shift of each piece is the one that fits best, less a price for ever
 that noise moves no log.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping
@@ -113,8 +111,9 @@ def fit_valve(
 
     data = part.read(log, _WANTED, how, _in_order)
     _check(data, m_max)
-    if isinstance(lag, float):
-        data = with_lag(data, lag, part.fitted(data))
+    if isinstance(lag, float) and lag != 0.0:
+        note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
+        data = _moved(data, np.full(data.time.size, lag), part.fitted(data), [note])
     problem = ValveProblem(data, part)
     if lag == "auto":
         moved = without_lag(data, problem.good, problem.fitting)
@@ -123,7 +122,6 @@ def fit_valve(
 
 
 def _lag_of(lag: Any) -> float | str:
-    """A shift in seconds, or ``auto``."""
     if isinstance(lag := plain(lag), str) and lag == "auto":
         return lag
     cure = "give seconds by which the flow is logged after the command, or 'auto'"
@@ -171,7 +169,7 @@ def has_live_zero(command: Array, flow: Array) -> bool:
 
 def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started: float) -> Fit:
     """The fit with everything a user may ask of it; ``holds``: the command holds between the rows."""
-    best, spread, profiled, notes = solution.estimate, solution.uncertainty, solution.profile, problem.notes
+    best, spread, notes = solution.estimate, solution.uncertainty, problem.notes
     fitted = problem.good & problem.fitting
     command, flow = problem.command[fitted], problem.flow[fitted]
     natural = np.where(LOGS, np.exp(best.x[:5]), best.x[:5])
@@ -217,7 +215,7 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     if reach < 0.9:
         notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
     if problem.n_reversals > 1:
-        parts = ", ".join(f"{100 * x:.3g}" for x in profiled.parts)
+        parts = ", ".join(f"{100 * x:.3g}" for x in solution.parts)
         notes.append(f"parts of the log, one after the other, give a backlash of {parts} %")
     notes += [*of_signal, *filter(None, [found.note])]
     both = np.stack([best.x, solution.without_backlash.x], axis=1)
@@ -228,7 +226,7 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
     measured = np.where(problem.good, problem.flow, np.nan)
     errors = {"": with_it - measured, "_without_backlash": without - measured}
     n_compared = solution.model.used.sum()
-    limit = math.sqrt(profiled.limit / n_compared)
+    limit = math.sqrt(solution.limit / n_compared)
     series = {
         "m_w": (problem.flow, "kg s-1"),
         "modelled": (with_it, "kg s-1"),
@@ -242,7 +240,7 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         covariance[np.ix_(estimated, estimated)],
         kind="valve", parameters=parameters, intervals=intervals, held=held, notes=notes,
         profile=profile_of(
-            profiled.grid, np.sqrt(profiled.sums / n_compared), "kg s-1", float(natural[X_BL]), found.interval,
+            solution.grid, np.sqrt(solution.sums / n_compared), "kg s-1", float(natural[X_BL]), found.interval,
             limit=limit,
         ),
         n_used=spread.n_used, n_effective=spread.n_effective,
@@ -365,12 +363,6 @@ def delayed(log: Log, lag: Array | float) -> tuple[Array, Mask]:
     return command, outside
 
 
-def with_lag(log: Log, lag: float, fitting: Mask) -> Log:
-    """The log with the command that was given ``lag`` seconds before each flow."""
-    note = f"the flow is compared with the command {abs(lag):g} s {'before' if lag > 0.0 else 'after'} it, as given"
-    return log if lag == 0.0 else _moved(log, np.full(log.time.size, lag), fitting, [note])
-
-
 def without_lag(log: Log, good: Mask, fitting: Mask) -> Log:
     """The log with the shift of each piece taken out, and a note of it; itself if it has none.
 
@@ -401,7 +393,6 @@ def _moved(log: Log, lag: Array, fitting: Mask, notes: list[str]) -> Log:
 
 
 def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
-    """A sentence for each shift."""
     notes = []
     for run in unbroken(shifts):
         n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])

@@ -186,7 +186,8 @@ def outcome_of(played: Played, day: Day, step: float) -> Outcome:
     settled = counted & ((np.arange(n) - last) * step >= SETTLING_TIME)
     windows = [slice(first, last) for first, last in runs(settled)]
     swing = float(np.mean([np.ptp(played.temperature[w]) for w in windows])) if windows else math.nan
-    periods = _periods([error[w] for w in windows], step)
+    every = max(1, round(HUNTING_SAMPLE / step))
+    periods = np.concatenate([np.zeros(0), *(np.diff(_upward(error[w][::every])) * every * step for w in windows)])
     alike = np.sum(5.0 * np.abs(np.diff(periods)) <= np.maximum(periods[1:], periods[:-1]))
     crossings = sum(_upward(error[w]).size for w in windows)
     days = max(int(counted.sum()), 1) * step / DAY
@@ -205,12 +206,6 @@ def outcome_of(played: Played, day: Day, step: float) -> Outcome:
 def _upward(error: Array) -> Index:
     """Where the error comes up through 0."""
     return np.asarray(np.flatnonzero((error[:-1] < 0.0) & (error[1:] >= 0.0)) + 1)
-
-
-def _periods(errors: list[Array], step: float) -> Array:
-    """Seconds between upward crossings within each window, seen every ``HUNTING_SAMPLE`` s."""
-    every = max(1, round(HUNTING_SAMPLE / step))
-    return np.concatenate([np.zeros(0), *(np.diff(_upward(error[::every])) * every * step for error in errors)])
 
 
 MOST_SECONDS = 172800.0  # of a longer log the end is replayed

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from fastcoil.base.arrays import Array, Index, Mask
@@ -42,6 +43,11 @@ class Grid(NamedTuple):
     on: Mask  # whether the plant was on and the log there, (n,)
     increment: float  # by which the temperature had to change to be logged, K; 0 where it was logged anyway
     starts: tuple[int, ...] = (0,)  # first sample of each log that was joined
+
+    def part(self, at: slice) -> "Grid":
+        """Some samples of one log."""
+        values = {name: series[at] for name, series in self.values.items()}
+        return Grid(self.interval * (at.step or 1), self.time[at], values, self.on[at], self.increment)
 
     def days(self) -> list[slice]:
         """The samples of each day, of 24 h at most from the start of a log; shorter rests belong to the day before."""
@@ -83,13 +89,11 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
         raise InputError(
             f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give the most telling {days:.0f} days or less"
         )
-    changes = (
-        f"the samples come at irregular times: every series holds until its next one, taken every {interval:.4g} s"
-    )
     grid = _filled(log, at, interval, is_regular, same)
-    if not is_regular:
-        return grid, [changes]
-    return _thinned(grid)
+    if is_regular:
+        return _thinned(grid)
+    changes = "the samples come at irregular times: every series holds until its next one"
+    return grid, [f"{changes}, taken every {interval:.4g} s"]
 
 
 def _thinned(grid: Grid) -> tuple[Grid, list[str]]:
@@ -99,11 +103,9 @@ def _thinned(grid: Grid) -> tuple[Grid, list[str]]:
     if width == 1 or width * grid.interval <= _FINE:
         return grid, []
     name = "T_sup" if every["T_sup"][0] > 1 else "command"
-    at = slice(every[name][1], None, width)
-    seconds = width * grid.interval
-    note = f"{name} has a value of its own every {seconds:.4g} s only, those between are filled in: only its own count"
-    values = {column: series[at] for column, series in grid.values.items()}
-    return Grid(seconds, grid.time[at], values, grid.on[at], grid.increment), [note]
+    own = grid.part(slice(every[name][1], None, width))
+    often = f"every {own.interval:.4g} s only"
+    return own, [f"{name} has a value of its own {often}, those between are filled in: only its own count"]
 
 
 def in_a_row(grids: Sequence[Grid]) -> Grid:
@@ -238,9 +240,7 @@ def increment_of(temperature: Array) -> float:
 
 def held(series: Array) -> Array:
     """Missing values replaced by the last before them, those at the beginning by the first there is."""
-    known = np.isfinite(series)
-    last = _last(known, np.arange(series.size), series.size)
-    return series[np.where(last < 0, np.argmax(known), last)]
+    return np.array(pd.Series(series).ffill().bfill())
 
 
 def all_good(good: Mask, first: Index, last: Index) -> Mask:

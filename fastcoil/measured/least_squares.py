@@ -90,20 +90,12 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
     return found[:, 0], J
 
 
-def _screened(model: Model, starts: Array) -> Array:
-    """Residual sum of squares of every start (p, sets)."""
-    sums = []
-    for first in range(0, starts.shape[1], _SCREENED_AT_ONCE):
-        r = model.compared(starts[:, first : first + _SCREENED_AT_ONCE])
-        sums.append(np.einsum("ij,ij->j", r, r))
-    return np.concatenate(sums)
-
-
 def minimise(model: Model, starts: Array, fixed: Sequence[int] = (), max_steps: int = 80) -> Estimate:
     """The best minimum found from the best of ``starts`` (p, sets); parameters in ``fixed`` stay where they start."""
     if starts.shape[1] == 1:
         return _descended(model, starts[:, 0], fixed, max_steps)
-    order = np.argsort(_screened(model, starts))[:_REFINED]
+    groups = (starts[:, k : k + _SCREENED_AT_ONCE] for k in range(0, starts.shape[1], _SCREENED_AT_ONCE))
+    order = np.argsort(np.concatenate([np.einsum("ij,ij->j", r, r) for r in map(model.compared, groups)]))[:_REFINED]
     best = min((_descended(model, starts[:, k], fixed, max_steps) for k in order), key=lambda one: one.rss)
     # long steps see past the kinks of Eq (1), short steps end nearer to the minimum
     polished = _descended(replace(model, step=model.step / _POLISH), best.x, fixed, max_steps)

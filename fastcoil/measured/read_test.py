@@ -1,7 +1,5 @@
 """``read_test``: the backlash of a valve from the log of a valve test, and whether it is why the loop hunts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -130,9 +128,7 @@ def _thinned(name: str, grid: Grid) -> Grid:
         raise InputError(
             f"{name}: a sample every {grid.interval:.4g} s: log the test every 5 s, {LONGEST_INTERVAL:g} s at most"
         )
-    every = max(1, round(ENOUGH / grid.interval))
-    values = {column: series[::every] for column, series in grid.values.items()}
-    return Grid(every * grid.interval, grid.time[::every], values, grid.on[::every], grid.increment)
+    return grid.part(slice(None, None, max(1, round(ENOUGH / grid.interval))))
 
 
 def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, notes: list[str]) -> tuple[int, int]:
@@ -159,9 +155,7 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
     return first, last
 
 
-def _gap_of(
-    grid: Grid, positions: Array, first: int, last: int, window: slice
-) -> tuple[Identification, Response]:  # fmt: skip
+def _gap_of(grid: Grid, positions: Array, first: int, last: int, window: slice) -> tuple[Identification, Response]:
     T = grid.values["T_sup"][: window.stop]
     known = [grid.values[name][: window.stop] for name in INPUTS if name in grid.values]
     inputs = [held(series) for series in known if np.isfinite(series).any()]
@@ -201,10 +195,7 @@ def _cause(
     values = {name: series[:last] for name, series in grid.values.items()}
     if "T_set" not in values or first * grid.interval < LEAST_BEFORE:
         return Cause(UNKNOWN, "log T_set, and an hour or more of normal operation before the test")
-    before = {name: series[:first] for name, series in values.items()}
-    of_log, measures = identified(
-        Grid(grid.interval, grid.time[:first], before, grid.on[:first], grid.increment), stroke_time
-    )
+    of_log, measures = identified(grid.part(slice(first)), stroke_time)
     by_test = found.identified
     agrees = of_log.identified and found.low <= of_log.backlash <= found.high
     found = of_log if agrees and not by_test else found

@@ -118,27 +118,22 @@ def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide
     return ""
 
 
-class BacklashProfile(NamedTuple):
-    """Least sum of squares with the backlash held at each value of ``grid``, (n,), and the 95 % interval.
+class ValveSolution(NamedTuple):
+    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash.
 
-    limit: the sum below which the interval lies if errors of the flow are all that is wrong.  parts: the backlash of
-    each part of the log; where they differ by more than that explains, the interval is wider.
+    sums: least sum of squares with the backlash held at each value of ``grid``, (n,).  limit: the sum below which the
+    95 % ``interval`` lies if errors of the flow are all that is wrong.  parts: the backlash of each part of the log;
+    where they differ by more than that explains, the interval is wider.
     """
 
+    model: Model
+    estimate: Estimate
+    uncertainty: Uncertainty
     grid: Array
     sums: Array
     limit: float
     parts: Array
     interval: tuple[float, float]
-
-
-class ValveSolution(NamedTuple):
-    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash."""
-
-    model: Model
-    estimate: Estimate
-    uncertainty: Uncertainty
-    profile: BacklashProfile
     without_backlash: Estimate
     is_m_max_given: bool
 
@@ -224,8 +219,8 @@ class ValveProblem:
         limit = best.rss + spread.inflation[X_BL] * spread.quantile() ** 2 * spread.variance
         parts = _of_parts(model, best, fixed)
         between = _CALIBRATED * spread.quantile(parts.size - 1) * float(parts.std(ddof=1)) / math.sqrt(parts.size)
-        found = BacklashProfile(grid, sums, limit, parts, _interval(grid, sums, best, limit, between))
-        return ValveSolution(model, best, spread, found, minima[0], m_max is not None)
+        interval = _interval(grid, sums, best, limit, between)
+        return ValveSolution(model, best, spread, grid, sums, limit, parts, interval, minima[0], m_max is not None)
 
 
 def _grid(best: Estimate, spread: Uncertainty) -> Array:
@@ -299,7 +294,7 @@ def judged(problem: ValveProblem, solution: ValveSolution, holds: bool) -> Judge
     It identifies the backlash if it is no wider than that itself, or than ``_SMALL``.  One that just misses 0 can be
     chance, and its middle is then too large.
     """
-    interval, x, most = solution.profile.interval, float(solution.estimate.x[X_BL]), solution.profile.grid[-1]
+    interval, x, most = solution.interval, float(solution.estimate.x[X_BL]), solution.grid[-1]
 
     def why_not(low: float, high: float) -> str:
         is_wide = bool(high >= most or high - low > max(x, _SMALL))

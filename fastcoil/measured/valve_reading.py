@@ -1,7 +1,5 @@
 """The result of reading a valve test: backlash, plant, cause; its words, its TOML and its page."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,8 +7,8 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.base.results import Result, as_toml, toml_table
-from fastcoil.measured.diagnosis import draw_profile, gap_in_words
+from fastcoil.base.results import Result
+from fastcoil.measured.diagnosis import ABOVE, draw_profile, gap_as_toml, gap_in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,9 +77,30 @@ class ValveReading(Result):
             *(f"Note: {note}" for note in self.notes),
         ]
 
-    def plot(self) -> Figure:
+    @apply_style()
+    def plot(self) -> "Figure":
         """The reading on one page, as a matplotlib ``Figure``."""
-        return _page(self)
+        from matplotlib.figure import Figure
+
+        ds, width = self.signals, 7.5
+        fig = Figure(figsize=(width, 6.4), layout="constrained")
+        above, middle, below = fig.subplots(3, 1, height_ratios=(1.2, 1.0, 1.0))
+        minutes = (ds["elapsed_time"] - ds["elapsed_time"].values[ds["test"].values > 0][0]) / 60.0
+        above.plot(minutes, ds["T_sup"], color=BLUE, lw=1.0, label="supply air")
+        above.plot(minutes, ds["model"], color=YELLOW, lw=1.0, label="model, without drift")
+        middle.plot(minutes, 100 * ds["command"], color=RED, lw=1.0, label="command")
+        middle.plot(minutes, 100 * ds["stem"], color=GREY, lw=1.0, label="stem behind the gap")
+        for axes in (above, middle):
+            axes.axvspan(0.0, self.minutes, color=FAINT, lw=0)
+            axes.legend(ncols=2, **ABOVE)
+            axes.margins(x=0.01)
+        above.set(ylabel="temperature [°C]")
+        above.tick_params(labelbottom=False)
+        middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
+        draw_profile(below, self)
+        lines = [wrapped(line, width, 9) for line in self.summary() if not line.startswith("Note: ")]
+        fig.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9)
+        return fig
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
@@ -91,40 +110,4 @@ class ValveReading(Result):
         numbers = {
             name: getattr(self, name) for name in ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         }
-        of_fit = {"kind": "valve test", "source": self.source, "identified": self.identified, "reason": self.reason,
-                  "cause": self.cause, "because": self.because, **numbers, "notes": self.notes}  # fmt: skip
-        lines = [f"# backlash fitted to {self.source} by fastcoil valve-test", *(f"# {s}" for s in self.summary()[1:])]
-        lines += toml_table("loop", {"backlash": self.backlash} if self.identified else {})
-        lines += toml_table("fit", of_fit) + toml_table("fit.interval_95", {"backlash": list(self.interval)})
-        return as_toml(lines, path)
-
-
-_SIZE = (7.5, 6.4)
-
-
-@apply_style()
-def _page(r: ValveReading) -> Figure:
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=_SIZE, layout="constrained")
-    above, middle, below = fig.subplots(3, 1, height_ratios=(1.2, 1.0, 1.0))
-    minutes = (r.signals["elapsed_time"] - r.signals["elapsed_time"].values[r.signals["test"].values > 0][0]) / 60.0
-    above.plot(minutes, r.signals["T_sup"], color=BLUE, lw=1.0, label="supply air")
-    above.plot(minutes, r.signals["model"], color=YELLOW, lw=1.0, label="model, without drift")
-    middle.plot(minutes, 100 * r.signals["command"], color=RED, lw=1.0, label="command")
-    middle.plot(minutes, 100 * r.signals["stem"], color=GREY, lw=1.0, label="stem behind the gap")
-    for axes in (above, middle):
-        axes.axvspan(0.0, r.minutes, color=FAINT, lw=0)
-        axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.2)
-        axes.margins(x=0.01)
-    above.set(ylabel="temperature [°C]")
-    above.tick_params(labelbottom=False)
-    middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
-    draw_profile(below, r)
-    fig.suptitle(
-        "\n".join(wrapped(line, _SIZE[0], 9) for line in r.summary() if not line.startswith("Note: ")),
-        x=0.01,
-        ha="left",
-        fontsize=9,
-    )
-    return fig
+        return gap_as_toml(self, "valve-test", "valve test", numbers, [], path)

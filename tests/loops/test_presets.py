@@ -68,9 +68,9 @@ def test_what_a_caller_does_with_presets_changes_none():
 
 
 def test_unknown_preset():
-    with pytest.raises(fc.InputError, match=r"'paperlike'.*'paper_like'.*lbnl, g36, heating"):
+    with pytest.raises(fc.InputError, match=r"'paperlike', did you mean 'paper_like'.*'lbnl', 'g36', 'heating'"):
         fc.Loop.preset("paperlike")
-    with pytest.raises(fc.InputError, match="preset = None: choose one of"):
+    with pytest.raises(fc.InputError, match="preset = None: choose 'paper_like', "):
         fc.Loop.preset(None)
 
 

@@ -29,33 +29,37 @@ Settings: TypeAlias = SimpleNamespace
 """How the air handler is run; names and units as the arguments of `weather_year`."""
 DAY = 86_400
 """Seconds."""
-_BY_MODE: dict[str, tuple[Any, Any]] = {
-    "economiser": ("differential", "none"),
-    "economiser_limit": (24.0, 24.0),
-    "T_return": (24.0, 21.0),
-    "RH_return": (0.5, 0.3),
-    "T_balance": (12.0, 15.0),
-    "internal_load": (0.5, 0.0),
-    "set_point": ("outdoor_reset", "outdoor_reset"),
-    "T_set": (13.0, 25.0),
-    "T_set_min": (13.0, 18.0),
-    "T_set_max": (18.0, 30.0),
-    "T_out_min": (16.0, -10.0),
-    "T_out_max": (21.0, 15.0),
-    "trim": (0.1, 0.1),
-    "respond": (0.2, 0.2),
-    "respond_max": (0.6, 0.6),
-    "ignored_requests": (2, 2),
-    "trim_delay": (600, 600),
-    "trim_interval": (120, 120),
-    "T_w_in": (7.0, 60.0),
-    "T_w_min": (7.0, 40.0),
-    "T_w_max": (12.0, 60.0),
-    "T_out_w_min": (16.0, -7.0),
-    "T_out_w_max": (27.0, 10.0),
+_RESET, _TRIM = ("set_point", "outdoor_reset", "trim_and_respond"), ("set_point", "trim_and_respond")
+_BY_MODE: dict[str, tuple[Any, Any, Any]] = {
+    "economiser": ("differential", "none", None),
+    "economiser_limit": (24.0, 24.0, ("economiser", "fixed")),
+    "T_return": (24.0, 21.0, None),
+    "RH_return": (0.5, 0.3, None),
+    "T_balance": (12.0, 15.0, None),
+    "internal_load": (0.5, 0.0, None),
+    "set_point": ("outdoor_reset", "outdoor_reset", None),
+    "T_set": (13.0, 25.0, ("set_point", "fixed")),
+    "T_set_min": (13.0, 18.0, _RESET),
+    "T_set_max": (18.0, 30.0, _RESET),
+    "T_out_min": (16.0, -10.0, _RESET),
+    "T_out_max": (21.0, 15.0, _RESET),
+    "trim": (0.1, 0.1, _TRIM),
+    "respond": (0.2, 0.2, _TRIM),
+    "respond_max": (0.6, 0.6, _TRIM),
+    "ignored_requests": (2, 2, _TRIM),
+    "trim_delay": (600, 600, _TRIM),
+    "trim_interval": (120, 120, _TRIM),
+    "T_w_in": (7.0, 60.0, ("water", "fixed")),
+    "T_w_min": (7.0, 40.0, ("water", "load", "outdoor")),
+    "T_w_max": (12.0, 60.0, ("water", "load", "outdoor")),
+    "T_out_w_min": (16.0, -7.0, ("water", "outdoor")),
+    "T_out_w_max": (27.0, 10.0, ("water", "outdoor")),
 }
-"""Defaults in cooling and in heating; the module `weather` names the sources."""
-DEFAULTS = {mode: {n: pair[k] for n, pair in _BY_MODE.items()} for k, mode in enumerate(("cooling", "heating"))}
+"""Defaults in cooling and in heating; of arguments that only some choices read, which and with what.
+
+The module `weather` names the sources of the defaults.
+"""
+DEFAULTS = {mode: {n: row[k] for n, row in _BY_MODE.items()} for k, mode in enumerate(("cooling", "heating"))}
 """Defaults of `weather_year`, by mode."""
 CHOICES = {
     "economiser": ("differential", "fixed", "none"),
@@ -69,21 +73,6 @@ _WHOLE = {
     "trim_interval": (1, 86_400),
     "seed": (0, 2**32 - 1),
 }
-_USED_WITH = {
-    "economiser_limit": ("economiser", ("fixed",)),
-    "T_set": ("set_point", ("fixed",)),
-    **dict.fromkeys(
-        ("T_set_min", "T_set_max", "T_out_min", "T_out_max"), ("set_point", ("outdoor_reset", "trim_and_respond"))
-    ),
-    **dict.fromkeys(
-        ("trim", "respond", "respond_max", "ignored_requests", "trim_delay", "trim_interval"),
-        ("set_point", ("trim_and_respond",)),
-    ),
-    "T_w_in": ("water", ("fixed",)),
-    **dict.fromkeys(("T_w_min", "T_w_max"), ("water", ("load", "outdoor"))),
-    **dict.fromkeys(("T_out_w_min", "T_out_w_max"), ("water", ("outdoor",))),
-}
-"""Arguments that only some choices read: which, and with what."""
 _ORDERED = (
     ("m_a_min", "m_a_design"),
     ("outdoor_air_min", "m_a_design"),
@@ -194,12 +183,11 @@ def settings_of(
 
 
 def _clashes(chosen: Mapping[str, Any], given: set[str]) -> list[str]:
-    """Arguments that contradict each other, a sentence each."""
     problems = [
-        f"{name} = {chosen[name]:g} has no effect with {word} = {chosen[word]!r}: leave it out, or choose "
-        + " or ".join(map(repr, choices))
-        for name, (word, choices) in _USED_WITH.items()
-        if name in given and chosen[word] not in choices
+        f"{name} = {chosen[name]:g} has no effect with {read[0]} = {chosen[read[0]]!r}: leave it out, or choose "
+        + " or ".join(map(repr, read[1:]))
+        for name, (*_, read) in _BY_MODE.items()
+        if read and name in given and chosen[read[0]] not in read[1:]
     ]
     problems += [
         f"{low} = {chosen[low]:g} is not below {high} = {chosen[high]:g}: exchange or change them"

@@ -1,6 +1,6 @@
 """Ready-made days: the paper's kind of day, a constant day, an ASHRAE design day, a heating day."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,14 +21,6 @@ class Drift(NamedTuple):
 
     std: float
     tau: int
-
-
-def _drifts_of(drifts: Mapping[str, Drift], seeds: Sequence[int], n_steps: int) -> dict[str, Array]:
-    """Noise of each signal, (n_days, n_steps), a day for each seed; the order of the signals numbers their streams."""
-    return {
-        name: np.array([smooth_noise(n_steps, drift, (seed, i)) for seed in seeds])
-        for i, (name, drift) in enumerate(drifts.items())
-    }
 
 
 def smooth_noise(n_steps: int, drift: Drift, stream: tuple[int, int]) -> Array:
@@ -87,22 +79,32 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     seed
         Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
     """
-    with checking() as check:
-        n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-    h = np.arange(n_steps) / 3600
-    D, noise = _swing(h), _drifts_of(DRIFTS, seeds, n_steps)
+    seeds, h, D, noise = _basis_of(hours, seed, DRIFTS)
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
     W_a_in = humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])
     T_w_in = 7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
     m_a = 1.15 + 0.18 * D + noise["m_a"]
-    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=_stepped_set_point(n_steps), day=seeds)
+    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=_stepped_set_point(h.size), day=seeds)
     return days.isel(0) if isinstance(plain(seed), int) else days
 
 
-def _swing(h: Array) -> Array:
-    """The slow swing D of a day at hours from its start, (n_steps,): a sine up to hour 8, mirrored every 8 h."""
-    return np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0))
+def _basis_of(
+    hours: float, seed: int | Iterable[int], drifts: Mapping[str, Drift]
+) -> tuple[list[int], Array, Array, dict[str, Array]]:
+    """What days of seeds have in common: the seeds; hours from the start, and the slow swing D, (n_steps,); the noise.
+
+    D is a sine up to hour 8, mirrored every 8 h.  noise: of each signal, (n_days, n_steps); the order of the signals
+    numbers their streams.
+    """
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+    h = np.arange(n_steps) / 3600
+    noise = {
+        name: np.array([smooth_noise(n_steps, drift, (one, i)) for one in seeds])
+        for i, (name, drift) in enumerate(drifts.items())
+    }
+    return seeds, h, np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)), noise
 
 
 def _stepped_set_point(n_steps: int) -> Array:
@@ -301,14 +303,12 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
         Mean temperature of the entering water [degC].
     """
     with checking() as check:
-        n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
+        basis = check(_basis_of, hours, seed, HEATING_DRIFTS)
         T_w_mean = check(condition_of, "T_w_in", T_w_in)
-    h = np.arange(n_steps) / 3600
-    D, noise = _swing(h), _drifts_of(HEATING_DRIFTS, seeds, n_steps)
+    seeds, h, D, noise = basis
     m_a = 0.9 + 0.2 * D + noise["m_a"]
     T_a_in = 12.0 + 2.0 * D + noise["T_a_in"]
     T_water = T_w_mean + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
-    T_set = _stepped_set_point(n_steps) + WARMER
+    T_set = _stepped_set_point(h.size) + WARMER
     days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_IN, T_w_in=T_water, T_set=T_set, day=seeds)
     return days.isel(0) if isinstance(plain(seed), int) else days

@@ -31,7 +31,6 @@ from fastcoil.loops.boundary.samples import (
 from fastcoil.loops.boundary.series import (
     BOUNDARY_SERIES,
     Clock,
-    Frame,
     Values,
     clock_of,
     label_array,
@@ -97,13 +96,13 @@ class Boundary(Samples):
     ) -> None:
         series = {name: value for name, value in locals().items() if name in BOUNDARY_SERIES}
         problems: list[str] = []
-        given, frame = read_series(series, problems, day=day)
-        labels, n_steps = np.asarray(frame.course.day), frame.n_steps
+        given, course = read_series(series, problems, day=day)
+        labels, n_steps = np.asarray(course.day), course.n_steps
         if n_steps is None and not problems:
             problems.append("every series is a number: give at least one as 1-s samples, or use constant_day")
         clock = Clock()
         with collecting(problems):
-            clock = clock_of(start, time_zone, labels, n_steps or 0, frame.course)
+            clock = clock_of(start, time_zone, labels, n_steps or 0, course)
         if problems:
             # Series that share a coordinate share its mistakes.
             raise InputError(list(dict.fromkeys(problems)))
@@ -113,7 +112,16 @@ class Boundary(Samples):
         self.__setstate__({"_ds": ds, "_make": None, "_time_zone": clock.time_zone, "_by_air": enabled is None})
 
     def __repr__(self) -> str:
-        return _text_of(self)
+        """For a terminal; a stream without known ranges shows how many days it has: making all takes too long."""
+        made = ", made day by day" if self.is_streamed else ""
+        if self.is_streamed and not self.is_surveyed:
+            return f"<fastcoil.Boundary {self.extent}{made}>"
+        lines = []
+        for name, (low, high) in self.own_extremes.items():
+            span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+            span = f"{span} {unit_in_words(BOUNDARY_SERIES[name].unit)}".rstrip()
+            lines.append(f"  {name:<14} {span:<24} {BOUNDARY_SERIES[name].long_name}")
+        return "\n".join([f"<fastcoil.Boundary {self.extent}{made}, sha256 {self.sha256[:8]}>", *lines])
 
     def assign(self, **changes: Values) -> Boundary:
         """A copy with other series, labels or clock, each given as to `Boundary`; None takes one back to its default.
@@ -127,16 +135,16 @@ class Boundary(Samples):
         clock = {name: changes.get(name, getattr(self, name)) for name in ("start", "time_zone")}
         start = None if "start" in changes else self.start
         zone = None if {"start", "time_zone"} & changes.keys() else self.clock_zone
-        known = Frame(self.n_steps, Course(self._ds["day"].values, 0.0, start, zone))
+        known = Course(self.n_steps, None, self._ds["day"].values, 0.0, start, zone)
         problems: list[str] = []
         series = {name: changes[name] for name in BOUNDARY_SERIES if name in changes}
-        given, frame = read_series(series, problems, day=changes.get("day"), known=known)
+        given, course = read_series(series, problems, day=changes.get("day"), known=known)
         refuse(problems)
         replaced = {name: None if changes[name] is None else one for name, one in given.items()}
         if by_air and "m_a" in changes:
             replaced["enabled"] = None
         make = partial(replaced_day, self.maker, replaced) if replaced else self.maker
-        changed = Boundary._stream(make, np.asarray(frame.course.day), self.n_steps, **clock, by_air=by_air)
+        changed = Boundary._stream(make, np.asarray(course.day), self.n_steps, **clock, by_air=by_air)
         if self._make is not None:
             return changed
         if by_air and {"m_a", "enabled"} & changes.keys():
@@ -335,7 +343,6 @@ class Boundary(Samples):
 
 
 def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[str]:
-    """Why days cannot be put together, a sentence each."""
     zones = sorted({one.time_zone for one in boundaries} - {""})
     if len(zones) > 1:
         yield f"the boundaries are in the time zones {' and '.join(zones)}: put together those of one"
@@ -352,16 +359,3 @@ def _joining_problems(boundaries: Sequence[Boundary]) -> Iterator[str]:
     labels, counts = np.unique(np.concatenate([one.day for one in boundaries]), return_counts=True)
     if counts.max() > 1:
         yield f"day label {labels[counts.argmax()]} appears twice: give each day its own label, as assign(day=7)"
-
-
-def _text_of(days: Samples) -> str:
-    """For a terminal; a stream without known ranges shows how many days it has: making all takes too long."""
-    made = ", made day by day" if days.is_streamed else ""
-    if days.is_streamed and not days.is_surveyed:
-        return f"<fastcoil.Boundary {days.extent}{made}>"
-    lines = []
-    for name, (low, high) in days.own_extremes.items():
-        span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-        span = f"{span} {unit_in_words(BOUNDARY_SERIES[name].unit)}".rstrip()
-        lines.append(f"  {name:<14} {span:<24} {BOUNDARY_SERIES[name].long_name}")
-    return "\n".join([f"<fastcoil.Boundary {days.extent}{made}, sha256 {days.sha256[:8]}>", *lines])

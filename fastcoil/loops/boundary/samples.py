@@ -1,7 +1,5 @@
 """The days of a boundary: the Dataset of all samples, or makers of days; digests and ranges of either."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
@@ -12,18 +10,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import refuse, whole_of
+from fastcoil.base.arguments import mapping_of, refuse, whole_of
 from fastcoil.base.arrays import Array, Index
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.logs.series import DIFFERENCE
-from fastcoil.loops.boundary.humidity import Dampest, dampest
 from fastcoil.loops.boundary.series import (
     ADDED_SERIES,
     BOUNDARY_SERIES,
     SECONDS,
     Clock,
-    Frame,
     Given,
     Times,
     read_series,
@@ -31,6 +27,7 @@ from fastcoil.loops.boundary.series import (
     warn_of_stops,
 )
 from fastcoil.loops.labelled import Course
+from fastcoil.model.moist_air import MASS_RATIO, liquid_pressure
 
 Made = Mapping[str, Any]
 """Series of a day by name, as a user gives them."""
@@ -42,12 +39,16 @@ by series."""
 
 
 class Survey(NamedTuple):
-    """Least and largest value by series, digests of all and of each day, and the dampest air, from one pass."""
+    """Least and largest value by series, digests of all and of each day, and the dampest air, from one pass.
+
+    dampest: relative humidity over pressure, 1/Pa, of the sample nearest to saturation, and this sample in words; what
+    air can hold depends on the pressure, which only the loop knows.
+    """
 
     extremes: dict[str, tuple[float, float]]
     sha256: str
     day_sha256: list[str]
-    dampest: Dampest
+    dampest: tuple[float, str]
 
 
 class Samples:
@@ -152,7 +153,8 @@ class Samples:
         if self._make is None:
             return {name: values[k] for name, values in self.series.items()}, 0
         label, start = int(self.day[k]), None if self.start is None else self.start[k]
-        return checked_day(self._make(k), self.n_steps, Course(np.asarray(label), None, start, self.clock_zone))
+        known = Course(day=np.asarray(label), start=start, time_zone=self.clock_zone)
+        return checked_day(self._make(k), self.n_steps, known)
 
     @property
     def is_surveyed(self) -> bool:
@@ -178,12 +180,12 @@ class Samples:
     def _survey(self) -> Survey:
         small = self.n_days * self.n_steps <= LARGE
         extremes: dict[str, tuple[float, float]] = {}
-        hashes, kept, stopped, damp = [], [], 0, Dampest()
+        hashes, kept, stopped, damp = [], [], 0, (0.0, "")
         for k, label in enumerate(self.day.tolist()):
             rows, seconds = self.made(k)
             stopped += seconds
             hashes.append(day_digest(label, rows))
-            damp = dampest(rows["T_a_in"], rows["W_a_in"], label if self.has_day_dim else None, damp)
+            damp = dampest(rows["T_a_in"], rows["W_a_in"], f" of day {label}" if self.has_day_dim else "", damp)
             for name, values in rows.items():
                 low, high = extremes.get(name, (np.inf, -np.inf))
                 extremes[name] = min(low, float(values.min())), max(high, float(values.max()))
@@ -197,8 +199,8 @@ class Samples:
         return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes, damp)
 
     @property
-    def dampest(self) -> Dampest:
-        """The sample of entering air that is nearest to saturation."""
+    def dampest(self) -> tuple[float, str]:
+        """The sample of entering air that is nearest to saturation, see ``Survey``."""
         return self._survey.dampest
 
     @property
@@ -302,20 +304,25 @@ def picked_day(makers: Sequence[Maker], part: Index, at: Index, k: int) -> Made:
 def checked_day(made: Made, n_steps: int, known: Course) -> tuple[dict[str, Array], int]:
     """A day that was made as series of (n_steps,), and how many seconds have no air flow; mistakes name the day."""
     label = int(np.asarray(known.day))
-    if not isinstance(made, Mapping):
-        cure = "give a mapping of series, such as a dict"
-        raise InputError(WrongType(f"make gives a {type(made).__name__} for day {label}: {cure}"))
-    if unknown := [name for name in made if name not in BOUNDARY_SERIES]:
-        names = ", ".join(BOUNDARY_SERIES)
-        raise InputError(
-            [f"make gives {shown(n)} for day {label}{nearest(str(n), BOUNDARY_SERIES)}: use {names}" for n in unknown]
-        )
+    mapping_of(f"what make gives for day {label}", made, "give a mapping of series by name, such as a dict")
+    unknown, names = [name for name in made if name not in BOUNDARY_SERIES], ", ".join(BOUNDARY_SERIES)
+    refuse([f"make gives {shown(n)} for day {label}{nearest(n, BOUNDARY_SERIES)}: use {names}" for n in unknown])
     problems: list[str] = []
     series = {name: made.get(name) for name in BOUNDARY_SERIES}
-    given, _ = read_series(series, problems, known=Frame(n_steps, known))
+    given, _ = read_series(series, problems, known=known._replace(n_steps=n_steps))
     refuse([f"day {label}: {problem}" for problem in problems])
     rows, stopped = series_of(given, 1, n_steps, by_air=made.get("enabled") is None)
     return {name: frozen(values[0]) for name, values in rows.items()}, stopped
+
+
+def dampest(T: Array, W: Array, day: str, than: tuple[float, str]) -> tuple[float, str]:
+    """``Survey.dampest`` of a day, (n_steps,) each, or ``than`` if that is nearer to saturation."""
+    ratio = W / (MASS_RATIO + W)
+    if ratio.max() / liquid_pressure(T.min()) <= than[0]:  # no sample can be nearer
+        return than
+    ratio = ratio / liquid_pressure(T)
+    k = int(np.argmax(ratio))
+    return max(than, (float(ratio[k]), f"W_a_in = {W[k]:.4g} at T_a_in = {T[k]:.4g} degC at second {k}{day}"))
 
 
 def frozen(values: NDArray[Any]) -> NDArray[Any]:

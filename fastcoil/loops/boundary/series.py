@@ -36,7 +36,7 @@ class Given(NamedTuple):
 
     dims: tuple[str, ...]
     values: Array
-    course: Course = Course()
+    course: Course
 
     def spread(self, n_days: int, n_steps: int) -> Array:
         shape = (n_days if "day" in self.dims else 1, n_steps if "elapsed_time" in self.dims else 1)
@@ -47,17 +47,13 @@ class Given(NamedTuple):
         return self.values[k] if "day" in self.dims else self.values
 
 
-class Frame(NamedTuple):
-    """What all series of a boundary share: the number of samples of a day, and what their labels say."""
-
-    n_steps: int | None = None
-    course: Course = Course()
+_NOTHING = Course()
 
 
 def read_series(
-    values: Mapping[str, Values], problems: list[str], *, day: Values = None, known: Frame | None = None
-) -> tuple[dict[str, Given], Frame]:
-    """Series as a user gives them in our units, and what they share.
+    values: Mapping[str, Values], problems: list[str], *, day: Values = None, known: Course = _NOTHING
+) -> tuple[dict[str, Given], Course]:
+    """Series as a user gives them in our units, and what their labels and sizes say of all of them.
 
     Mistakes are added to ``problems``, a sentence each.  Labels that series carry must be alike, and as ``known``;
     ``day`` replaces those of days.
@@ -66,59 +62,48 @@ def read_series(
     for name, value in values.items():
         with collecting(problems):
             given[name] = _read(COLUMNS[name], value)
-    frame = known or Frame()
-    sizes = {
-        dim: {name: one.values.shape[one.dims.index(dim)] for name, one in given.items() if dim in one.dims}
-        for dim in ("elapsed_time", "day")
-    }
-    cure = "give every series the same number"
-    n_steps = _agreed("{} samples", frame.n_steps, sizes["elapsed_time"], problems, cure)
-    known_days = None if frame.course.day is None else frame.course.day.size
-    n_days = _agreed("{} days", known_days, sizes["day"], problems, cure)
-    if frame.course.time_zone:  # times without a zone are on the clock of the boundary
+    if known.time_zone:  # times without a zone are on the clock of the boundary
         local = [name for name, one in given.items() if one.course.time_zone == ""]
         given |= {name: given[name]._replace(course=given[name].course._replace(time_zone=None)) for name in local}
-    course = {
-        field: _agreed(text, getattr(frame.course, field), _carried(given, field), problems, f"align them, or {cure}")
-        for field, text, cure in _LABELS
-    }
-    labels = course["day"] if day is None else day
+    if known.day is not None:
+        known = known._replace(n_days=known.day.size)
+    course = Course()
+    for field, text, cure in _LABELS:
+        of_boundary = getattr(known, field)
+        every = ({} if of_boundary is None else {"the boundary": of_boundary}) | _carried(given, field)
+        problems += differing(text, every, cure)
+        course = course._replace(**{field: next(iter(every.values()), None)})
+    labels = course.day if day is None else day
     if labels is not None:
         labels = label_array(labels, problems)
-    if day is not None and labels is not None and frame.course.day is None:
+    if day is not None and labels is not None and known.day is None:
         problems += differing("day {}", {"day": labels} | _carried(given, "day"), "leave day out, or give bare arrays")
     if labels is None:
-        labels = np.arange(n_days) if n_days else np.asarray(0)
-    elif n_days is not None and labels.size != n_days:
-        problems.append(f"day has {labels.size} labels for {n_days} days: give one label for each day")
-    elif sizes["day"]:
+        labels = np.arange(course.n_days) if course.n_days else np.asarray(0)
+    elif course.n_days is not None and labels.size != course.n_days:
+        problems.append(f"day has {labels.size} labels for {course.n_days} days: give one label for each day")
+    elif any("day" in one.dims for one in given.values()):
         labels = np.atleast_1d(labels)
     for name, one in given.items():
         problems += _value_problems(COLUMNS[name], one, labels)
-    return given, Frame(n_steps, Course(**course | {"day": labels}))
+    return given, course._replace(day=labels)
 
 
 _LABELS = (
-    ("day", "day {}", "give bare arrays"),
-    ("second", "its first sample at elapsed_time {} s", "drop_vars('elapsed_time')"),
-    ("start", "its first sample at {}", "give bare arrays"),
-    ("time_zone", "the time zone {}", "convert to one zone"),
+    ("n_steps", "{} samples", "give every series the same number"),
+    ("n_days", "{} days", "give every series the same number"),
+    ("day", "day {}", "align them, or give bare arrays"),
+    ("second", "its first sample at elapsed_time {} s", "align them, or drop_vars('elapsed_time')"),
+    ("start", "its first sample at {}", "align them, or give bare arrays"),
+    ("time_zone", "the time zone {}", "align them, or convert to one zone"),
 )
 """Labels of a ``Course``, in words, and what to do where they differ."""
 
 
 def _carried(given: Mapping[str, Given], field: str) -> dict[str, Any]:
     """What series say of a label; those with several days first."""
-    carried = {name: getattr(one.course, field) for name, one in given.items()}
-    carried = {name: found for name, found in carried.items() if found is not None}
+    carried = {name: found for name, one in given.items() if (found := getattr(one.course, field)) is not None}
     return dict(sorted(carried.items(), key=lambda item: np.ndim(item[1]) == 0))
-
-
-def _agreed(text: str, known: Any, found: Mapping[str, Any], problems: list[str], cure: str) -> Any:
-    """What is ``known`` of the boundary, or the first of what is found; problems are what differs from it."""
-    every = ({} if known is None else {"the boundary": known}) | dict(found)
-    problems += differing(text, every, cure)
-    return next(iter(every.values()), None)
 
 
 def series_of(given: Mapping[str, Given], n_days: int, n_steps: int, *, by_air: bool) -> tuple[dict[str, Array], int]:
@@ -171,7 +156,8 @@ def _read(series: Series, value: Values) -> Given:
     values = _numbers(series, value)
     if values.ndim > 2:
         raise InputError(f"{series.name} has {values.ndim} dimensions: give (seconds) or (days, seconds)")
-    return Given(("day", "elapsed_time")[2 - values.ndim :], values)
+    sizes = dict(zip(("n_days", "n_steps")[2 - values.ndim :], values.shape, strict=True))
+    return Given(("day", "elapsed_time")[2 - values.ndim :], values, Course(**sizes))
 
 
 def _numbers(series: Series, value: Values) -> Array:
@@ -183,7 +169,6 @@ def _numbers(series: Series, value: Values) -> Array:
 
 
 def _value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[str]:
-    """A sentence on the first bad value of a series, if it has one."""
     bad = series.is_bad(given.values)
     if not bad.any():
         return []
@@ -205,9 +190,6 @@ YEARS = (1700, 2200)
 _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
 _ZONE_CURE = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
 _OFFSET = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
-
-
-_NOTHING = Course()
 
 
 class Clock(NamedTuple):

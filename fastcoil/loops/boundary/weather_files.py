@@ -244,17 +244,13 @@ _DAYS = np.array([31, 29, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])
 
 def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
     periods = (i for i, line in enumerate(lines, 1) if line.split(",")[0].strip().upper() == "DATA PERIODS")
-    n_top = next(periods, None)
-    if n_top is None:
-        raise InputError(
-            f"{file} begins as an EPW file, but has no line DATA PERIODS: give all eight lines of its header"
-        )
-    records = "".join(cell.strip() for cell in lines[n_top - 1].split(",")[2:3])
+    n_top = next(periods, 0)
+    records = "".join(cell.strip() for cell in lines[n_top - 1].split(",")[2:3]) if n_top else ""
     per_hour = int(records) if re.fullmatch(r"\d\d?", records, re.ASCII) else 0
     if not per_hour or 60 % per_hour:
         raise InputError(
-            f"{file}: DATA PERIODS in row {n_top} tells {shown(records)} records per hour: give 1, or another number "
-            "that divides 60"
+            f"{file} begins as an EPW file, but its line DATA PERIODS has {shown(records)} records per hour: give all "
+            "eight lines of its header, with 1 or another number that divides 60"
         )
     place = lines[0].split(",")
     return Layout(

@@ -90,7 +90,7 @@ def test_noise_is_white_noise_through_two_filters_over_the_deviation_of_their_im
     [
         ({"hours": 0}, ["hours = 0 h", "above 0"]),
         ({"hours": float("nan")}, ["hours = nan", "finite"]),
-        ({"hours": None}, ["hours is missing"]),
+        ({"hours": None}, ["hours = None: give a number"]),
         ({"hours": 1 / 7000}, ["whole number of seconds"]),
         ({"hours": 1e6}, ["hours = 1e+06 h", "8760"]),
         ({"seed": 2**32}, ["seed = 4294967296", "from 0 to 4294967295"]),

@@ -126,7 +126,9 @@ def test_bad_arguments_of_from_days():
     assert len(found) == 3
     for one, word in zip(found, ("make = 'weather'", "hours = -1", "twice"), strict=True):
         assert word in one
-    assert "a list for day 1" in only_problem(Boundary.from_days, lambda label: [label], day=[1], hours=N / 3600)
+    assert "what make gives for day 1 = [1]: give a mapping" in only_problem(
+        Boundary.from_days, lambda label: [label], day=[1], hours=N / 3600
+    )
     message = only_problem(Boundary.from_days, lambda label: 1 / 0, day=[1], hours=N / 3600)
     assert "make fails for day 1, ZeroDivisionError" in message
 

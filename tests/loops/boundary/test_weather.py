@@ -107,12 +107,12 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({}, ["the start is given as []", "start_hour"]),
+        ({}, ["the start is given by nothing", "start_hour"]),
         ({"start_hour": 3, "days": [1]}, ["start_hour", "days"]),
-        ({"start_hour": 3, "hour": 4}, ["give start_hour, or"]),
+        ({"start_hour": 3, "hour": 4}, ["start_hour and hour: give start_hour, or"]),
         ({"start_hour": 0}, ["start_hour = 0"]),
         ({"start_hour": 66}, ["hours of the year 1 to 72", "66 to 73.9997", "fewer hours"]),
-        ({"days": [2]}, ["hour missing: give month, day and hour, or days and hour"]),
+        ({"days": [2]}, ["by days: give start_hour, or month, day and hour, or days and hour"]),
         ({"month": 2, "day": 1, "hour": 8}, ["0 rows for month 2, day 1, hour 8", "file's own dates"]),
         ({"start_hour": 8, "outdoor_fraction": 1.5}, ["outdoor_fraction = 1.5", "from 0 to 1"]),
         ({"start_hour": 8, "W_return": 0.008}, ["RH_return and W_return", "one of them"]),

@@ -124,8 +124,8 @@ def without(lines, word):
     ("lines", "options", "words"),
     [
         (epw(JUNE[:1]), {}, "has 1 row of data: give at least two"),
-        (without(epw(JUNE), "DATA PERIODS"), {}, "has no line DATA PERIODS: give all eight lines"),
-        (epw(JUNE, per_hour=7), {}, "DATA PERIODS in row 8 tells '7' records per hour: give 1"),
+        (without(epw(JUNE), "DATA PERIODS"), {}, "its line DATA PERIODS has '' records per hour: give all eight lines"),
+        (epw(JUNE, per_hour=7), {}, "its line DATA PERIODS has '7' records per hour: give all eight lines"),
         (epw(JUNE, per_hour=2), {}, "row 10, 6/14 hour 2, does not follow the one before: give 2 rows for each hour"),
         ([*epw(JUNE), "1999,6,17,1"], {}, "row 81 has 4 cells, an EPW file at least 10"),
         ([line.replace("Pressure", "P") for line in tmy3(JUNE)], {}, "has no column Pressure (mbar): give the whole"),

@@ -73,7 +73,7 @@ def test_all_mistakes_are_named_at_once(read):
     )
     for part in (
         "titel is unknown, did you mean 'title'?",
-        "[loop] preset = 'paper_lik': unknown, did you mean 'paper_like'?",
+        "[loop] preset = 'paper_lik', did you mean 'paper_like'?",
         "[loop] kpp is not a parameter, did you mean 'kp'?",
         "[loop] ti = inf: give a finite number",
         "[loop] kp = True: give a number",
