@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,8 @@ from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, has_mark, is_file, is_folder, require_file
 from fastcoil.base.text import aligned, number_or_word
-from fastcoil.cli.arguments import PATH, pairs
-from fastcoil.cli.deliver import with_report, write_figure, write_found, write_report
+from fastcoil.cli.arguments import PATH, options, pairs
+from fastcoil.cli.deliver import with_report, write_found
 from fastcoil.cli.terminal import announce_compilation, say
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def _as_pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) 
 
 
 _TIME_FORMAT = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
-_READING_OPTIONS = (
+with_reading_options = options(
     click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
     click.option("--jumps", default="refuse", show_default=True,
                  help="If time runs backwards: refuse, or split there."),
@@ -43,13 +43,7 @@ _READING_OPTIONS = (
                  help="Header of the column for NAME, if it differs."),
     click.argument("data", type=PATH),
 )  # fmt: skip
-
-
-def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
-    for option in _READING_OPTIONS:
-        command = option(command)
-    return command
+"""The argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
 
 
 def require_writable(out: Path) -> None:
@@ -103,9 +97,7 @@ def diagnose(
     announce_compilation("mean_openings")
     found = diagnosed([data, *more] if more else data, **options)
     say(*found.summary())
-    if out is not None:
-        write_found(found, out)
-    write_report(found, report)
+    write_found(found, out, report)
     if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
         sys.exit(_FOUND)
 
@@ -177,8 +169,7 @@ def read(data: Path, out: Path | None, **options: Any) -> None:
     announce_compilation("mean_openings")
     found = read_test(data, **options)
     say(*found.summary())
-    if out is not None:
-        write_found(found, out)
+    write_found(found, out)
 
 
 _POINT = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
@@ -238,19 +229,18 @@ def fit() -> None:
     """Fit a valve, a coil or a loop to a trend log (CSV); write TOML to include in a study, and a figure."""
 
 
-def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that all fits have."""
-    for option in (
-        click.option(
-            "--split",
-            type=float,
-            help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
-            "with --validate.",
-        ),
-        click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
-    ):
-        command = option(command)
-    return with_reading_options(with_report(command))
+with_common_options = options(
+    click.option(
+        "--split",
+        type=float,
+        help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
+        "with --validate.",
+    ),
+    click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
+    with_report,
+    with_reading_options,
+)
+"""The options that all fits have."""
 
 
 def _as_numbers(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, float]:
@@ -323,11 +313,8 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
 
 def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
     """Write the TOML, figure and requested report of a fit, and print its summary."""
-    found.to_toml(out)
     say(*found.summary())
-    say(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
-    write_figure(found, out)
-    write_report(found, report)
+    write_found(found, out, report, word="Fitted")
 
 
 @fit.command("loop")

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from fastcoil.base.arguments import choice_of
-from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra, nearest
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra
 from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
 from fastcoil.base.progress import duration
 from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, pairs, with_scenario
-from fastcoil.cli.deliver import with_report, write_figure, write_found, write_report
+from fastcoil.cli.deliver import with_report, write_found
 from fastcoil.cli.terminal import announce_compilation, interruptible, run_own_code, say
 
 if TYPE_CHECKING:
@@ -216,14 +216,6 @@ class _Asked(NamedTuple):
     relative_to: Mapping[str, Sequence[str]]
     width: float | None
 
-    @property
-    def name(self) -> str:
-        """Name of the figure file."""
-        axes = [*self.metrics, *(n for n in (self.y, self.by, self.x) if n)]
-        at = [f"{name}={'+'.join(labels)}" for name, labels in self.at.items()]
-        to = [f"to-{name}={'+'.join(labels)}" for name, labels in self.relative_to.items()]
-        return file_name("_".join([*axes, *at, *to]))
-
 
 @click.command()
 @click.argument("folder", type=PATH)
@@ -248,8 +240,10 @@ def plot(
     from fastcoil.study.folder.folder import StudyFolder
     from fastcoil.study.folder.results import open_study
 
-    target, chosen = _target(out, format)
-    dots = int(dpi) if dpi.isdecimal() else dpi
+    suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
+    if suffix and format and format.lower() != suffix:
+        raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
+    chosen, dots = format or suffix or "png", int(dpi) if dpi.isdecimal() else dpi
     check_format(chosen, dots)
     store = StudyFolder(folder)
     store.require_manifest()
@@ -264,16 +258,16 @@ def plot(
         say("Nothing is swept in this study, so there is nothing to draw.")
         return
     options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
-    if target is None:
+    if out is None:
         with store.hold():
             paths = write(figures, folder / FIGURES, **options)
-    elif target.suffix and not is_folder(target):
+    elif suffix:
         first, *others = figures
-        paths = write({target.stem: figures[first]}, target.parent, **options)
+        paths = write({out.stem: figures[first]}, out.parent, **options)
         if others:
-            say(f"{target} shows {first}; to write {', '.join(others)} as well, give a folder.", err=True)
+            say(f"{out} shows {first}; to write {', '.join(others)} as well, give a folder.", err=True)
     else:
-        paths = write(figures, target, **options)
+        paths = write(figures, out, **options)
     say(*paths)
 
 
@@ -282,9 +276,13 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
     from fastcoil.deliver.figures import swept as plots
 
     part = _part(ds, asked)
+    # the name of a figure says what is on it
+    parts = [*asked.metrics, *(n for n in (asked.y, asked.by, asked.x) if n)]
+    parts += [f"{name}={'+'.join(labels)}" for name, labels in asked.at.items()]
+    parts += [f"to-{name}={'+'.join(labels)}" for name, labels in asked.relative_to.items()]
     if asked.x is None:
-        more = f"_{asked.name}" if asked.at or asked.relative_to else ""
-        return {f"{name}{more}": draw() for name, draw in plots.standard_figures(part, asked.width).items()}
+        drawn = plots.standard_figures(part, asked.width)
+        return {file_name("_".join([name, *parts])): draw() for name, draw in drawn.items()}
     metrics, by = asked.metrics or plots.STANDARD_METRICS, asked.by
     plots.rows_of(part, by)  # refused if there is no such dimension
     unlike = [d for d in plots.control_dims(part) if d not in (asked.x, asked.y, by)]
@@ -297,13 +295,13 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
         )
     if by and not asked.metrics:
         metrics = metrics[: plots.panels_abreast(asked.width)]
-    return {asked.name: plots.panels(part, asked.x, asked.y, by, metrics, asked.width)}
+    return {file_name("_".join(parts)): plots.panels(part, asked.x, asked.y, by, metrics, asked.width)}
 
 
 def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
     """The part of the results to draw, with a title that describes it."""
     from fastcoil.study.analysis.compare import relative_to
-    from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, numeric_dims, selected
+    from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, selected
 
     part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
     if asked.at:
@@ -312,26 +310,12 @@ def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
         case, named = case_of(part, asked.relative_to)
         part = relative_to(part, case, named)
         words.append(f"against {named}")
-    known, axes = drawn_parameters(part), [str(n) for n in (asked.x, asked.y, asked.by) if n]
+    axes = [str(n) for n in (asked.x, asked.y, asked.by) if n]
     if len(set(axes)) < len(axes):
         raise InputError(f"{axes[0]} is named twice: choose two different axes")
-    swept = [*numeric_dims(part["status"]), *(str(d) for d in part["status"].dims if d == asked.by)]
-    wrong = [n for n in axes if n not in known and n not in swept]
-    if known and wrong:
-        has = f"swept are {', '.join(swept) or 'none'}, drawn {', '.join(known)}"
-        raise InputError([f"{n} is not swept or sampled{nearest(n, [*swept, *known])}: {has}" for n in wrong])
-    drawn = [n for n in axes if n in known]
-    if drawn:
+    if drawn := [n for n in axes if n in drawn_parameters(part)]:
         part = binned(part, drawn)
     return part.assign_attrs(title=", ".join(filter(None, words)))
-
-
-def _target(out: Path | None, format: str | None) -> tuple[Path | None, str]:
-    """The target path and the format."""
-    suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
-    if suffix and format and format.lower() != suffix:
-        raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
-    return out, format or suffix or "png"
 
 
 def _inches(width: str | None) -> float | None:
@@ -386,9 +370,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     announce_compilation()
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
-    if out is not None:
-        write_figure(found, out, out.suffix.lower().removeprefix("."))
-    write_report(found, report)
+    write_found(found, out, report)
 
 
 CHOSEN = "tuning.toml"
@@ -422,9 +404,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
         with Shown() as shown:
             found = run_tuning(asked._replace(n_jobs=n_jobs), in_scenario_days(asked, shown))
         say(*found.summary(), "")
-        path = folder / CHOSEN
-        write_found(found, path)
-        write_report(found, report)
+        write_found(found, folder / CHOSEN, report)
 
 
 PORT = 5010

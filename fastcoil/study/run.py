@@ -27,13 +27,7 @@ from fastcoil.model.user_rules import refuse_other_code
 from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.results import (
-    Computed,
-    is_current,
-    is_of,
-    merge,
-    study_attributes,
-)
+from fastcoil.study.folder.results import Computed, is_current, is_of, merge, study_attributes
 from fastcoil.study.folder.stored import WORDS, Environment, Manifest, Shards, finished_manifest, reworded
 from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
 
@@ -47,6 +41,10 @@ class Finished:
     n_run: int
 
 
+_Workers = tuple[str, int, str | None]
+"""Who is to run it: backend, number, address of the scheduler."""
+
+
 class _Work(NamedTuple):
     """What is left to do.
 
@@ -56,14 +54,6 @@ class _Work(NamedTuple):
     manifest: Manifest
     computed: Computed
     missing: np.ndarray
-
-
-class _Workers(NamedTuple):
-    """Who is to run it; see ``run_study``."""
-
-    n_jobs: int
-    backend: str
-    scheduler: str | None
 
 
 def run_study(
@@ -159,8 +149,7 @@ def execute(
     n_jobs = workers(n_jobs)
     check_backend(backend, scheduler)
     with storage_errors(folder, "found"):
-        # a study's own code may change the current folder meanwhile
-        store = StudyFolder(folder.absolute())
+        store = StudyFolder(folder.absolute())  # a study's own code may change the current folder meanwhile
     with ExitStack() as held:
         try:
             held.enter_context(store.hold())
@@ -173,7 +162,7 @@ def execute(
             load_rules(study.plan.layout.loop.rules, study.rules)
             work = _decide(study, store, extend)
             if isinstance(work, _Work):
-                finished = _run_and_merge(study, store, work, _Workers(n_jobs, backend, scheduler), progress)
+                finished = _run_and_merge(study, store, work, (backend, n_jobs, scheduler), progress)
             else:
                 finished = Finished(store.path, work, 0)
         present(finished)
@@ -239,10 +228,10 @@ def _run_and_merge(
     """Run what is missing, shard by shard, and merge all of it."""
     plan = study.plan
     check_disk(plan.disk_bytes(traces_kept=study.reduction is None), store.path)
-    start, n_jobs, n_run, manifest = time.monotonic(), asked.n_jobs, 0, work.manifest
+    start, n_run, manifest, (backend, n_jobs, scheduler) = time.monotonic(), 0, work.manifest, asked
     if work.missing.size:
-        if asked.scheduler is None:
-            check_workers(*plan.memory_of_run(n_jobs, asked.backend), n_jobs)
+        if scheduler is None:
+            check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
         n_run = sum(shard.size for shard in shards_of(plan, n_jobs, work.missing))
         advance = progress(n_run) if progress else lambda n: None
         n_jobs, manifest = _run(study, store, work, asked, advance)
@@ -254,7 +243,7 @@ def _run_and_merge(
         "wall_time_s": round(seconds, 3),
         "scenario_days_per_s": round(n_run / max(seconds, 1e-9), 1),
         "n_jobs": n_jobs,
-        "engine": asked.backend,
+        "engine": backend,
     }
     ds = merge(store, study, manifest, work.computed.parts, speed)
     tell_limited(plan.layout.loop, ds)
@@ -273,7 +262,8 @@ def _run(
     compile_kernel()
     job = Job(plan, study.reduction, study.rules, Manifest.of(study).own_code)
     recorded, first = store.records(manifest, study.text), None
-    with closing(make_pool(asked.backend, job, asked.n_jobs, asked.scheduler)) as pool:
+    backend, n_jobs, scheduler = asked
+    with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
         n_jobs = pool.n_workers  # a cluster may have another number
         for part in run_shards(pool, job, shards_of(plan, n_jobs, work.missing)):
             for environment in environments_of(part):
@@ -293,11 +283,9 @@ def _run(
 def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
     """Warn if other scenarios were computed where bits may differ."""
     for other in others:
-        differs = [
-            f"{name} {other.get(name, 'unknown')}, now {environment.get(name, 'unknown')}"
-            for name in sorted({*other, *environment})
-            if other.get(name) != environment.get(name)
-        ]
+        names = sorted({*other, *environment})
+        pairs = [(name, *(each.get(name, "unknown") for each in (other, environment))) for name in names]
+        differs = [f"{name} {was}, now {now}" for name, was, now in pairs if was != now]
         warnings.warn(
             f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend "
             "on that, in a loop that hunts also the first; to have all from one place, run the study in another folder",

@@ -4,14 +4,14 @@ import json
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, number_of, refuse, text_of
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.errors import nearest, shown
 from fastcoil.loops.scenarios import attributes, check_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY
 
@@ -52,7 +52,10 @@ def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
     limits = {name: (f"give {meaning}", 0.0, DEAREST) for name, (meaning, _) in PRICES.items()}
     low, high = COP_LIMITS
     limits["cop"] = (f"give the coefficient of performance of the chiller, from {low:g} to {high:g}", low, high)
+    names = [each.name for each in fields(Tariff)]
     with checking() as check:
+        unknown = [name for name in known if name not in names]
+        check.problems += [f"{n} is unknown{nearest(n, names)}; known: {', '.join(names)}, baseline" for n in unknown]
         for name, (meaning, example) in PRICES.items():
             if name not in known:
                 check.problems.append(f"{name} is missing: {cure}, {meaning}, such as {name} = {example:g}")
@@ -63,15 +66,11 @@ def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
         if "electric_heat" in known:
             known["electric_heat"] = check(flag_of, "electric_heat", known["electric_heat"])
         if "currency" in known:
-            known["currency"] = check(_currency_of, known["currency"])
+            text = check(text_of, "currency", known["currency"])
+            if text is not None and not (text.strip() and text.isprintable() and len(text) <= LONGEST_CURRENCY):
+                cure = f"give its name in 1 to {LONGEST_CURRENCY} letters, such as 'USD'"
+                check.problems.append(f"currency = {shown(text)}: {cure}")
     return Tariff(**known)
-
-
-def _currency_of(value: object) -> str:
-    text = text_of("currency", value)
-    if not text.strip() or len(text) > LONGEST_CURRENCY or not text.isprintable():
-        raise InputError(f"currency = {shown(text)}: give its name in 1 to {LONGEST_CURRENCY} letters, such as 'USD'")
-    return text
 
 
 def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.ndarray], dict[str, Any]]:
