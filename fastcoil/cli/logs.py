@@ -11,7 +11,7 @@ import click
 
 from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import commit, exists, has_mark, is_file, is_folder, require_file
+from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.text import aligned, number_or_word
 from fastcoil.cli.arguments import PATH, options, pairs
 from fastcoil.cli.deliver import with_report, write_found
@@ -52,9 +52,7 @@ def require_writable(out: Path) -> None:
     if exists(out) and not has_mark(out, b" fitted to ", 300):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
     figure = out.with_suffix(".png")
-    if is_folder(figure):
-        raise InputError(f"-o {out}: {figure}, the name of its figure, is a folder: choose another name")
-    if is_file(figure) and not exists(out):
+    if exists(figure) and not exists(out):
         raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")
 
 
@@ -218,7 +216,6 @@ def join(
 
 
 def _require_new(out: Path) -> None:
-    """Raise unless ``out`` can be written and does not exist."""
     require_file("-o", out, ".csv")
     if exists(out):
         raise InputError(f"-o {out}: this file exists, choose another name or delete it")

@@ -10,11 +10,12 @@ import sys
 import time
 import tomllib
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -205,18 +206,6 @@ def presets() -> None:
 _WIDTHS = 40.0, 500.0  # allowed range in mm
 
 
-class _Asked(NamedTuple):
-    """What to draw.  width: inches; None: chosen by the number of panels."""
-
-    metrics: tuple[str, ...]
-    x: str | None
-    y: str | None
-    by: str | None
-    at: Mapping[str, Sequence[str]]
-    relative_to: Mapping[str, Sequence[str]]
-    width: float | None
-
-
 @click.command()
 @click.argument("folder", type=PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
@@ -237,6 +226,7 @@ def plot(
 ) -> None:  # fmt: skip
     """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES, check_format, write
+    from fastcoil.deliver.figures.swept import standard_figures
     from fastcoil.study.folder.folder import StudyFolder
     from fastcoil.study.folder.results import open_study
 
@@ -249,11 +239,14 @@ def plot(
     store.require_manifest()
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
-    asked = _Asked(
-        metrics, x, y, by, all_labels_of("--at", at), all_labels_of("--relative-to", relative_to), _inches(width)
-    )
+    inches, fixed, case = _inches(width), all_labels_of("--at", at), all_labels_of("--relative-to", relative_to)
     ds = open_study(folder)
-    figures = _figures(ds, asked)
+    parts = [*metrics, *filter(None, (y, by, x))]
+    parts += [f"{name}={'+'.join(labels)}" for name, labels in fixed.items()]
+    parts += [f"to-{name}={'+'.join(labels)}" for name, labels in case.items()]
+    part = _part(ds, [name for name in (x, y, by) if name], fixed, case)
+    drawn = standard_figures(part, inches) if x is None else {"": _figure(part, metrics, x, y, by, inches)}
+    figures = {file_name("_".join(filter(None, [name, *parts]))): draw() for name, draw in drawn.items()}
     if not figures:
         say("Nothing is swept in this study, so there is nothing to draw.")
         return
@@ -271,21 +264,14 @@ def plot(
     say(*paths)
 
 
-def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
-    """Figures by file name; empty if nothing is swept."""
+def _figure(
+    part: xr.Dataset, metrics: Sequence[str], x: str, y: str | None, by: str | None, width: float | None
+) -> Callable[[], Figure]:
+    """What draws the figure of chosen axes."""
     from fastcoil.deliver.figures import swept as plots
 
-    part = _part(ds, asked)
-    # the name of a figure says what is on it
-    parts = [*asked.metrics, *(n for n in (asked.y, asked.by, asked.x) if n)]
-    parts += [f"{name}={'+'.join(labels)}" for name, labels in asked.at.items()]
-    parts += [f"to-{name}={'+'.join(labels)}" for name, labels in asked.relative_to.items()]
-    if asked.x is None:
-        drawn = plots.standard_figures(part, asked.width)
-        return {file_name("_".join([name, *parts])): draw() for name, draw in drawn.items()}
-    metrics, by = asked.metrics or plots.STANDARD_METRICS, asked.by
     plots.rows_of(part, by)  # refused if there is no such dimension
-    unlike = [d for d in plots.control_dims(part) if d not in (asked.x, asked.y, by)]
+    unlike = [d for d in plots.control_dims(part) if d not in (x, y, by)]
     if by is None and unlike:
         by, *unlike = unlike
     if unlike:
@@ -293,24 +279,24 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
             f"{unlike[0]}: the plain PI and other controllers would be pooled in one median: select one with --at "
             f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
         )
-    if by and not asked.metrics:
-        metrics = metrics[: plots.panels_abreast(asked.width)]
-    return {file_name("_".join(parts)): plots.panels(part, asked.x, asked.y, by, metrics, asked.width)}
+    shown = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
+    return partial(plots.panels, part, x, y, by, shown, width)
 
 
-def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
+def _part(
+    ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], to: Mapping[str, Sequence[str]]
+) -> xr.Dataset:
     """The part of the results to draw, with a title that describes it."""
     from fastcoil.study.analysis.compare import relative_to
     from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, selected
 
-    part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
-    if asked.at:
-        words.append(f"at {in_words(part, asked.at)}")
-    if asked.relative_to:
-        case, named = case_of(part, asked.relative_to)
+    part, words = selected(ds, at), [str(ds.attrs.get("title", ""))]
+    if at:
+        words.append(f"at {in_words(part, at)}")
+    if to:
+        case, named = case_of(part, to)
         part = relative_to(part, case, named)
         words.append(f"against {named}")
-    axes = [str(n) for n in (asked.x, asked.y, asked.by) if n]
     if len(set(axes)) < len(axes):
         raise InputError(f"{axes[0]} is named twice: choose two different axes")
     if drawn := [n for n in axes if n in drawn_parameters(part)]:

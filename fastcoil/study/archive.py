@@ -68,7 +68,6 @@ class Listing:
 
     @property
     def data(self) -> bytes:
-        """The content of ``archive.json``."""
         content = asdict(self)
         return (json.dumps({**content, _CHECKSUM: checksum(content)}, indent=1, ensure_ascii=False) + "\n").encode()
 

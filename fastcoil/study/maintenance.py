@@ -25,14 +25,7 @@ from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
-from fastcoil.model.metric_table import (
-    METRICS,
-    STATUS_CRASHED,
-    STATUS_MEANINGS,
-    STATUS_NOT_RUN,
-    STATUS_OK,
-    TRACES,
-)
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.model.numerics.jit import is_model
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import own_code_of, refuse_other_code
@@ -112,7 +105,11 @@ def rerun(
     if is_model(manifest.model_sha256):
         refuse_other_code(own_code_of(layout.loop.rules.values()), manifest.own_code)
     compile_kernel()
-    ds = _run_one(plan, flat).squeeze("scenario", drop=True)
+    shard = Shard(np.array([flat]))
+    if plan.carry_over:  # the days before are run first, without traces
+        day, lane = divmod(flat, plan.n_a_day)
+        shard = Shard(np.array([lane]), plan.n_a_day, day, day + 1)
+    ds = run_shard(plan, shard).squeeze("scenario", drop=True)
     for dim, coordinate in coordinates.items():
         one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
         ds = ds.assign_coords({dim: one.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
@@ -122,14 +119,6 @@ def rerun(
     with hold(path.parent):
         save(ds, path)
     return path, _compare_with_stored(store, ds, position, layout.sizes)
-
-
-def _run_one(plan: Plan, flat: int) -> xr.Dataset:
-    """The flat results of one scenario; of a sequence of days the days before are run first, without traces."""
-    if not plan.carry_over:
-        return run_shard(plan, Shard(np.array([flat])))
-    day, lane = divmod(flat, plan.n_a_day)
-    return run_shard(plan, Shard(np.array([lane]), plan.n_a_day, day, day + 1))
 
 
 def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:
@@ -142,8 +131,8 @@ def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], l
     found = selected(
         xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates()), {dim: [text] for dim, text in at.items()}
     )
-    missing = {dim: [str(label) for label in found[dim].values] for dim, n in found["status"].sizes.items() if n > 1}
-    refuse([f"--at: {dim} is missing, choose one of {listed(labels)}" for dim, labels in missing.items()])
+    missing = [dim for dim, n in found["status"].sizes.items() if n > 1]
+    refuse([f"--at: {dim} is missing, choose one of {listed(found[dim].values)}" for dim in missing])
     found = found.squeeze()
     index = int(found["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))

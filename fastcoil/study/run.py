@@ -294,7 +294,6 @@ def _warn_of_difference(folder: Path, environment: Environment, others: Sequence
 
 
 def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
-    """Refuse to replace the study in a folder by another one."""
     text = store.read_text()
     if text is None:
         raise IntegrityError(

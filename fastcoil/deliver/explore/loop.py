@@ -73,7 +73,6 @@ class Dial(NamedTuple):
     factor: float = 1.0
 
     def text(self, value: float) -> str:
-        """A value as the page shows it."""
         return f"{self.factor * value:.4g} {self.unit}"
 
 

@@ -40,7 +40,7 @@ _RETURNED = object()  # what a block gives whose values are stored already
 
 
 class Port(NamedTuple):
-    """A rule as laws: texts of Python, see ``source.Laws``.  step: a function of the state; call: how it is called."""
+    """A rule as laws: texts of Python, see ``printer.Laws``.  step: a function of the state; call: how it is called."""
 
     constants: list[str]
     fields: list[str]
@@ -76,7 +76,6 @@ class Translator(Formulas):
         self.fields = {n: "s." + self._named(name, "field") for n, name in wanted.items()}
 
     def port(self) -> Port:
-        """The laws of the rule."""
         while True:  # each round knows more of finitely many variables
             try:
                 return self._port()
@@ -275,7 +274,6 @@ class Translator(Formulas):
     # calls
 
     def _call(self, node: ast.Call, scope: Scope) -> Any:
-        """What a call gives."""
         function = self._value(node.func, scope)
         names = chain(getattr(function, "_fields", ()), repeat("value"))
         given = [self._value_of(name, one, scope) for name, one in zip(names, node.args, strict=False)]

@@ -170,7 +170,14 @@ def panels(
         ]
     if by in drawn:
         raise InputError(f"{by} is named twice: choose two different axes")
-    draw, marks, height = _drawing(ds, x, y, has_names=has_names)
+    draw: Callable[[Axes, xr.DataArray], QuadMesh | None]
+    if y:
+        draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR, 3.0
+    elif has_names:
+        draw, marks = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT
+        height = 1.0 + 0.22 * ds.sizes[x]
+    else:
+        draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE, 2.4
     rows, n = rows_of(ds, by), len(metrics)
     columns = n if by else min(n, panels_abreast(width))
     inches = _PANEL * max(columns, 2) if width is None else width
@@ -199,17 +206,6 @@ def panels(
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrapped("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
-
-
-def _drawing(
-    ds: xr.Dataset, x: str, y: str | None, *, has_names: bool
-) -> tuple[Callable[[Axes, xr.DataArray], QuadMesh | None], Sequence[str], float]:
-    """What draws values into a panel, the words for its marks, and the height of a panel, inches."""
-    if y:
-        return partial(drawing.draw_map, x=x, y=y), drawing.COLOUR, 3.0
-    if has_names:
-        return partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT, 1.0 + 0.22 * ds.sizes[x]
-    return partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE, 2.4
 
 
 def panels_abreast(width: float | None) -> int:

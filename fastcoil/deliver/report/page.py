@@ -124,16 +124,14 @@ def facts(*pairs: tuple[str, str]) -> Table:
 
 
 class Picture(NamedTuple):
-    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it; file: where it lies."""
+    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it."""
 
     png: bytes
     caption: str
     alt: str
-    file: str = ""
 
     @property
     def source(self) -> str:
-        """The picture as a URI that holds all of it."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode()
 
 
@@ -173,7 +171,6 @@ class Page(NamedTuple):
     origin: str = ""
 
     def html(self) -> str:
-        """The whole file."""
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
         made = Environment(
@@ -184,7 +181,6 @@ class Page(NamedTuple):
         return made.get_template("page.html").render(page=self, sections=sections, version=VERSION)
 
     def write(self, path: Path) -> Path:
-        """Write the file, whole or not at all."""
         commit(path, self.html().encode())
         return path
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import xarray as xr
 
-from fastcoil.base.errors import FastcoilError
 from fastcoil.base.text import percent
 from fastcoil.deliver.figures.swept import standard_figures
 from fastcoil.deliver.report.page import (
@@ -37,8 +36,8 @@ from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of,
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.selected import own_metrics
-from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
-from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.analysis.summary import cautions, comparable, estimate_dim, findings, recommended
+from fastcoil.study.file.spec import billing_of
 from fastcoil.study.folder.results import open_finished
 
 _UNITS = {"sample": "drawn valves", "day": "days", "replicate": "noise realisations"}
@@ -161,37 +160,25 @@ def metrics(ds: xr.Dataset) -> Table:
 def study_page(folder: Path) -> Page:
     """The report of the finished study in a folder; raises as ``open_finished``."""
     ds = open_finished(folder)
-    billing, unread = _billing(folder, ds)
-    warnings = [unread] if unread else []
+    tariff, warnings = tomllib.loads(ds.attrs["study_toml"]).get("tariff"), []
     counts = Counter(ds["status"].values[ds["status"].values != STATUS_OK].tolist())
     n_failed = counts.total()
     if n_failed:
         why = ", ".join(f"{n:,} {STATUS_MEANINGS[code]}" for code, n in sorted(counts.items()))
         failed = f"{n_failed:,} of {ds['status'].size:,} scenarios failed ({why})"
-        warnings.insert(0, f"{failed}. They are in no number of this page; status in results.nc says which they are.")
+        warnings.append(f"{failed}. They are in no number of this page; status in results.nc says which they are.")
     title = str(ds.attrs["title"])
     sections: list[Section] = []
     answer = ["Every scenario failed: there is no answer."]
     if n_failed < ds["status"].size:
         warnings += cautions(ds)
-        answer = findings(ds, billing)
+        answer = findings(ds, None if tariff is None else billing_of(tariff, None))
         numbers = [metrics(ds)] if ds["status"].size == 1 else comparisons(ds)
         sections += [Section("Figures", _pictures(ds, title)), Section("In numbers", numbers)]
     sections += [how(ds), versions(ds), Section("The study file", [Code(ds.attrs["study_toml"])])]
     sections += [_again(folder, ds), cited(ds)]
     question, origin = str(ds.attrs.get("summary", "")).strip(), str(ds.attrs["content_sha256"])
     return Page("Study", title, question, warnings, answer, sections, origin)
-
-
-def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
-    """The prices of its ``[tariff]``, or why they cannot be read: the files of the study may be gone."""
-    if "tariff" not in tomllib.loads(ds.attrs["study_toml"]):
-        return None, ""
-    store = StudyFolder(folder)
-    try:
-        return store.read_study(store.require_manifest()).billing, ""
-    except FastcoilError as error:
-        return None, f"Costs are left out, for the study can no longer be read: {error}"
 
 
 def _pictures(ds: xr.Dataset, title: str) -> list[Block]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import tomllib
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -47,8 +48,8 @@ class Tariff:
 
 
 def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
-    """The tariff of a table, where None stands for what is not given."""
-    known = {name: value for name, value in given.items() if value is not None}
+    """The tariff of a table, without its ``baseline``; None stands for what is not given."""
+    known = {name: value for name, value in given.items() if value is not None and name != "baseline"}
     limits = {name: (f"give {meaning}", 0.0, DEAREST) for name, (meaning, _) in PRICES.items()}
     low, high = COP_LIMITS
     limits["cop"] = (f"give the coefficient of performance of the chiller, from {low:g} to {high:g}", low, high)
@@ -158,7 +159,8 @@ def cost(
     given = {name: value for name, value in locals().items() if name != "ds" and value is not None}
     check_result(ds)
     _require_billable(ds)
-    tariff = tariff_of(_asked_in_study(ds) | given, "give it, or a table [tariff] in the study file")
+    in_study = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
+    tariff = tariff_of(in_study | given, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
         warnings.warn(
             f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the "
@@ -204,14 +206,6 @@ def _action_of(ds: xr.Dataset) -> xr.DataArray:
     """Whether the coils of a result cool or heat, by a coordinate or by its attributes; neither where none says it."""
     constant = json.loads(ds.attrs.get("parameters", "{}")).get("action")
     return ds.coords["action"] if "action" in ds.coords else xr.DataArray(constant)
-
-
-def _asked_in_study(ds: xr.Dataset) -> dict[str, Any]:
-    """``[tariff]`` of the study that made the result; the reader of the study checked its form."""
-    import tomllib
-
-    table = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
-    return {name: value for name, value in table.items() if name != "baseline"}
 
 
 def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:

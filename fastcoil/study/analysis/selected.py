@@ -103,12 +103,12 @@ def _choices(ds: xr.Dataset, name: str, text: str) -> str:
     if labels.size > _MOST_LABELS and labels.dtype.kind in "if":
         with suppress(ValueError):  # a word
             labels = np.sort(labels[np.argsort(abs(labels - float(text)))[:_MOST_LABELS]])
-    return f"choose one of {listed([str(label) for label in labels])}"
+    return f"choose one of {listed(labels)}"
 
 
-def listed(words: Sequence[Any]) -> str:
+def listed(words: Sequence[Any] | np.ndarray) -> str:
     """The first of many words."""
-    return ", ".join(words[:_MOST_LABELS]) + (", …" if len(words) > _MOST_LABELS else "")
+    return ", ".join(map(str, words[:_MOST_LABELS])) + (", …" if len(words) > _MOST_LABELS else "")
 
 
 BINS = 8

@@ -23,6 +23,7 @@ from fastcoil.loops.loop import Loop, knowing
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import INSTALLED_VALVE, PARAMETERS, Parameter
 from fastcoil.model.user_rules import Rule
+from fastcoil.study.analysis.selected import listed
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters, parse_toml, sampled_names
 
 _WHAT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
@@ -201,7 +202,6 @@ def _ppf(kind: str, arguments: Sequence[float], share: np.ndarray) -> Any:
 
 LONGEST_AXIS = 1_000_000  # values; more take minutes to label, and a design that large is drawn with [sample]
 _MOST_DIMS = 32
-_MOST_NAMED = 5
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
@@ -338,8 +338,7 @@ def _zip_cases(
         default = None if name in unset else loop[name]
         without = [label for label, case in cases.items() if name not in case]
         if without and (default is None or isinstance(default, xr.DataArray)):
-            more = f" and {len(without) - _MOST_NAMED:,} more" if len(without) > _MOST_NAMED else ""
-            problems.append(f"{name} is missing in {', '.join(without[:_MOST_NAMED])}{more}: give it in every case")
+            problems.append(f"{name} is missing in {listed(without)}: give it in every case")
             continue
         values = [case.get(name, default) for case in cases.values()]
         wrong = first_of([problem for value in values if (problem := loop.parameters[name].problem(value))])

@@ -88,8 +88,7 @@ def billing_of(table: Mapping[str, Any], layout: Layout | None) -> Billing:
 
     layout: of the study, None where it could not be planned; the label is then not checked.
     """
-    tariff = tariff_of({name: value for name, value in table.items() if name != "baseline"})
-    baseline = table.get("baseline", {})
+    tariff, baseline = tariff_of(table), table.get("baseline", {})
     if not isinstance(baseline, dict) or len(baseline) > 1:
         raise InputError(f"baseline = {shown(baseline)}: give one dimension and one of its labels")
     problems: list[str] = []
@@ -103,8 +102,7 @@ def billing_of(table: Mapping[str, Any], layout: Layout | None) -> Billing:
                 known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
                 problems.append(f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}")
             elif label not in (labels := layout.coordinates()[dim].values.tolist()):
-                known = listed([str(each) for each in labels])
-                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {known}")
+                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {listed(labels)}")
     refuse(problems)
     return Billing(tariff, baseline)
 
@@ -119,11 +117,6 @@ def asked_of_tuning(table: Mapping[str, Any], run: RunTable, loop: Loop, boundar
             holdout = build_boundary(holdout, folder)
         except InputError as error:
             raise InputError([f"holdout: {p.removeprefix('[boundary] ')}" for p in error.problems]) from None
-    elif holdout is not None and not isinstance(holdout, list):
-        raise InputError(
-            f"holdout = {shown(holdout)}: give days as in [boundary], such as {{ seed = [2, 3] }}, or labels of some "
-            "days of it, such as [4, 5]"
-        )
     how = run.model_dump(include={"warm_up", "seed", "replicates"})
     keywords = inspect.signature(plan_tuning).parameters.items()
     takes = {name: p for name, p in keywords if p.kind is p.KEYWORD_ONLY and name not in how}

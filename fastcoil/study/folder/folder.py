@@ -77,7 +77,6 @@ class StudyFolder:
 
     @property
     def has_results(self) -> bool:
-        """Whether there is a file of results."""
         return exists(self.results)
 
     @contextmanager
@@ -157,7 +156,6 @@ class StudyFolder:
         return study
 
     def open_results(self) -> xr.Dataset:
-        """Open the results, see ``open_final``."""
         return open_final(self.path, Manifest.read(self.path))
 
     def settled(self, read: Callable[[], Read]) -> Read:
@@ -174,7 +172,6 @@ class StudyFolder:
         return read()
 
     def trace_files(self) -> list[Path]:
-        """All files of traces, whether they are of these results or not."""
         return [path for path in entries(self.path) if path.match(TRACE_FILES)]
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:

@@ -107,10 +107,8 @@ def open_results(path: Path) -> xr.Dataset:
     try:
         ds = try_reading(path, _CURE).load()
         check_result(ds)
-    except IntegrityError:
-        raise InputError(f"{path} is no NetCDF file, or it is damaged: {_CURE}") from None
-    except InputError:
-        raise InputError(f"{path} holds no result of fastcoil: {_CURE}") from None
+    except (IntegrityError, InputError):
+        raise InputError(f"{path} holds no result of fastcoil, or it is damaged: {_CURE}") from None
     return ds
 
 

@@ -129,12 +129,10 @@ class Manifest:
 
     @property
     def text(self) -> str:
-        """The content of ``run.json``."""
         content = asdict(self)
         return json.dumps({**content, "format": _FOLDER_FORMAT, _CHECKSUM: checksum(content)}, indent=1) + "\n"
 
     def write(self, folder: Path) -> None:
-        """Write ``run.json``."""
         commit(folder / MANIFEST, self.text.encode())
 
 
@@ -169,7 +167,6 @@ class Shards:
         commit(self.path / name, data)
 
     def any(self) -> bool:
-        """Whether there is a file among them."""
         return bool(entries(self.path))
 
     def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
