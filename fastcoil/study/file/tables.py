@@ -53,10 +53,8 @@ def _unusable(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
             yield from _unusable(one, place, depth + 1)
     elif isinstance(value, dict):
         for key, one in value.items():
-            if len(key) > LONGEST_KEY:
-                yield f"{place}{shown(key)} is a key of {len(key):,} characters: give at most {LONGEST_KEY}"
-            elif "\0" in key:
-                yield f"{place}{shown(key)} holds the character NUL: delete it"
+            if len(key) > LONGEST_KEY or "\0" in key:
+                yield f"{place}{shown(key)}: give a key of at most {LONGEST_KEY} characters, without NUL"
             else:
                 yield from _unusable(one, f"{place}.{key}" if place else key, depth + 1)
     elif isinstance(value, str) and "\0" in value:
