@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -240,6 +240,17 @@ with_common_options = options(
 """The options that all fits have."""
 
 
+def run_fit(
+    fitted: Callable[..., Fit], kernel: str, out: Path, report: Path | None, *log: object, **options: Any
+) -> None:
+    """Fit, print the summary, and write TOML, figure and the report asked for."""
+    require_writable(out)
+    announce_compilation(kernel)
+    found = fitted(*log, **options)
+    say(*found.summary())
+    write_found(found, out, report, word="Fitted")
+
+
 def _as_numbers(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, float]:
     found = {}
     for name, text in pairs("--constant", value).items():
@@ -282,9 +293,7 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
     """
     from fastcoil.measured.fit_valve import fit_valve
 
-    require_writable(out)
-    announce_compilation("valve_flows")
-    write_and_print(fit_valve(data, **options), out, report)
+    run_fit(fit_valve, "valve_flows", out, report, data, **options)
 
 
 @fit.command("coil")
@@ -303,15 +312,7 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
     """
     from fastcoil.measured.fit_coil import fit_coil
 
-    require_writable(out)
-    announce_compilation("march_coil")
-    write_and_print(fit_coil(data, minimise_on="both" if both else "T_sup", **options), out, report)
-
-
-def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
-    """Write the TOML, figure and requested report of a fit, and print its summary."""
-    say(*found.summary())
-    write_found(found, out, report, word="Fitted")
+    run_fit(fit_coil, "march_coil", out, report, data, minimise_on="both" if both else "T_sup", **options)
 
 
 @fit.command("loop")
@@ -335,10 +336,7 @@ def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path |
     """
     from fastcoil.measured.fit_loop import fit_loop
 
-    require_writable(out)
-    loop = _loop_of(parts)
-    announce_compilation()
-    write_and_print(fit_loop(data, loop, **options), out, report)
+    run_fit(fit_loop, "emulate", out, report, data, _loop_of(parts), **options)
 
 
 def _loop_of(parts: Sequence[str]) -> Loop:

@@ -154,11 +154,6 @@ class Study:
     billing: Billing | None = None
 
     @property
-    def kept_traces(self) -> tuple[str, ...]:
-        """Names of the traces that results keep: none if they are reduced."""
-        return () if self.reduction else self.plan.traces.names
-
-    @property
     def model_sha256(self) -> str:
         """Hash of the sources of the model that it uses."""
         return model_sha256(frozenset(words_used(self.plan.layout.loop, "estimator")))

@@ -70,7 +70,7 @@ _MOST_TRACES = 2 * len(TRACES)
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class RunTable(_Strict):
@@ -149,8 +149,6 @@ def are_numbers(values: object, count: int) -> bool:
 
 _CURES = {
     "int": "give a whole number",
-    "float": "give a number",
-    "finite": "give a finite number",
     "string": "give a text in quotes",
     "bool": "give true or false",
     "too_long": f"give at most {_MOST_TRACES}, each once",

@@ -310,7 +310,7 @@ def merge(folder: StudyFolder, study: Study, manifest: Manifest, parts: Parts, a
     ds = ds.assign(predicted.data_vars)
     ds.attrs = study_attributes(study, manifest) | predicted.attrs | attrs
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
-    if study.kept_traces:
+    if plan.traces.names and not study.reduction:
         file = folder.path / f"traces-{manifest.key[:8]}.nc"
         manifest, traces = _merge_traces(file, study, counted, ds.attrs, manifest)
         ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
@@ -359,7 +359,7 @@ def _merge_traces(
     coordinates: dict[Any, xr.DataArray] = {}
 
     def write_all(unfinished: Path) -> None:
-        for k, name in enumerate(study.kept_traces):
+        for k, name in enumerate(plan.traces.names):
             others = {*METRICS, *TRACES} - {name}
             ds = unflatten(join_flat(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
             hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
