@@ -66,11 +66,6 @@ def identity() -> tuple[str, str]:
     return model_sha256(), fingerprint()
 
 
-def itself(job: Job) -> Job:
-    """The job, as a task of a cluster."""
-    return job
-
-
 def run_scenarios(job: Job, shard: Shard) -> xr.Dataset:
     """Run a shard, and reduce its traces if the study asks for it.  Returns a flat Dataset, see ``run_shard``."""
     part = run_shard(job.plan, shard)
@@ -324,7 +319,7 @@ class Dask:
             self._executor = self._client.get_executor(pure=False)
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "Sending large graph")
-                self._job = self._client.submit(itself, job, pure=False)  # made again if a worker dies with it
+                self._job = self._client.submit(lambda job: job, job, pure=False)  # made again if a worker dies with it
         except BaseException:
             self.close()
             raise

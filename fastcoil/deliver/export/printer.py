@@ -249,7 +249,10 @@ class Printer:
         """Kinds of the intermediate values and the counters that some statements store, in their order."""
         found: dict[str, str] = {}
         for node in statements_in(body):
-            for target in targets_of(node):
+            targets = (
+                node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.For) else []
+            )
+            for target in targets:
                 if isinstance(target, ast.Name) and target.id not in arguments:
                     known = self.laws.kinds | arguments | found
                     found.setdefault(target.id, kind_of(node.value, known) if isinstance(node, ast.Assign) else "whole")
@@ -262,11 +265,6 @@ def statements_in(body: list[ast.stmt]) -> Iterator[ast.stmt]:
         yield node
         if isinstance(node, (ast.If, ast.For)):
             yield from statements_in([*node.body, *node.orelse])
-
-
-def targets_of(node: ast.stmt) -> list[ast.expr]:
-    """What a statement stores, or counts with."""
-    return node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.For) else []
 
 
 def kind_of(node: ast.expr, kinds: Mapping[str, str]) -> str:

@@ -262,11 +262,11 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
 def control_dims(ds: xr.Dataset) -> list[str]:
     """Dimensions along which a plain PI is one of several controllers: a median over them would be of unlike things."""
     dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS]
-    return [d for d in dims if d == "controller" or _has_plain_pi(ds, d)]
-
-
-def _has_plain_pi(ds: xr.Dataset, dim: str) -> bool:
-    """Whether some labels of a dimension, and not all, are a plain PI by what differs along it."""
-    plain = [ds[n].values == value for n, value in _CONTROL.items() if n in ds.coords and ds[n].dims == (dim,)]
-    alike = np.logical_and.reduce(plain) if plain else np.zeros(1, dtype=bool)
-    return bool(alike.any() and not alike.all())
+    found = []
+    for dim in dims:
+        # some labels, and not all, are a plain PI by what differs along the dimension
+        plain = [ds[n].values == value for n, value in _CONTROL.items() if n in ds.coords and ds[n].dims == (dim,)]
+        alike = np.logical_and.reduce(plain) if plain else np.zeros(1, dtype=bool)
+        if dim == "controller" or (alike.any() and not alike.all()):
+            found.append(dim)
+    return found

@@ -48,6 +48,8 @@ class Comparison(xr.Dataset):  # type: ignore[no-untyped-call]
         needed = STATISTICS + (OF_THRESHOLD if "threshold" in self.attrs else ())
         if "statistic" not in self.dims or not set(needed) <= set(self["statistic"].values.tolist()):
             raise InputError("to_table needs all statistics of the comparison: call it before .sel(statistic=...)")
+        if "level" not in self.attrs:
+            raise InputError("to_table needs the attributes of the comparison: call it on what compare returned")
         compared = {str(name): variable for name, variable in self.data_vars.items() if "statistic" in variable.dims}
         dims = [str(d) for d in self.dims if d != "statistic" and any(d in v.dims for v in compared.values())]
         baseline = ast.literal_eval(self.attrs["baseline"])
