@@ -227,7 +227,7 @@ def plot(
     """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES, check_format, write
     from fastcoil.deliver.figures.swept import standard_figures
-    from fastcoil.study.folder.folder import StudyFolder
+    from fastcoil.study.folder.folder import StudyFolder, hold
     from fastcoil.study.folder.results import open_study
 
     suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
@@ -235,8 +235,7 @@ def plot(
         raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
     chosen, dots = format or suffix or "png", int(dpi) if dpi.isdecimal() else dpi
     check_format(chosen, dots)
-    store = StudyFolder(folder)
-    store.require_manifest()
+    StudyFolder(folder).require_manifest()
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
     inches, fixed, case = _inches(width), all_labels_of("--at", at), all_labels_of("--relative-to", relative_to)
@@ -252,7 +251,7 @@ def plot(
         return
     options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
     if out is None:
-        with store.hold():
+        with hold(folder):
             paths = write(figures, folder / FIGURES, **options)
     elif suffix:
         first, *others = figures

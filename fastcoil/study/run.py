@@ -26,7 +26,7 @@ from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules import refuse_other_code
 from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import Study, read_study
-from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.folder.folder import StudyFolder, hold
 from fastcoil.study.folder.results import Computed, is_current, is_of, merge, study_attributes
 from fastcoil.study.folder.stored import WORDS, Environment, Manifest, Shards, finished_manifest, reworded
 from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
@@ -143,7 +143,7 @@ def execute(
     check_backend(backend, scheduler)
     with storage_errors(folder, "found"):
         store = StudyFolder(folder.absolute())  # a study's own code may change the current folder meanwhile
-    with store.hold():
+    with hold(store.path):
         load_rules(study.plan.layout.loop.rules, study.rules)
         work = _decide(study, store, extend)
         if isinstance(work, tuple):

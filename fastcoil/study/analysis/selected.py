@@ -82,14 +82,12 @@ def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[s
 
 def in_words(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:
     """``backlash = 7 %, tuning = faster``; ds: what was selected."""
-    return ", ".join(f"{quantity_of(ds, name).text} = {_values(ds, name)}" for name in at)
-
-
-def _values(ds: xr.Dataset, name: str) -> str:
-    values = np.unique(ds[name].values)
-    if values.dtype.kind == "f" and is_parameter(ds, name):
-        return " and ".join(quantity_of(ds, name).number(value) for value in values)
-    return " and ".join(map(str, values))
+    words = []
+    for name in at:
+        of, values = quantity_of(ds, name), np.unique(ds[name].values)
+        text = of.number if values.dtype.kind == "f" and is_parameter(ds, name) else str
+        words.append(f"{of.text} = {' and '.join(map(text, values))}")
+    return ", ".join(words)
 
 
 def _choices(ds: xr.Dataset, name: str, text: str) -> str:

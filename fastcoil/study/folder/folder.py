@@ -79,14 +79,6 @@ class StudyFolder:
     def has_results(self) -> bool:
         return exists(self.results)
 
-    @contextmanager
-    def hold(self) -> Iterator[None]:
-        """Hold the folder for one writer, of results or of figures; see ``hold``."""
-        with hold(self.path):
-            if is_folder(self.path / FIGURES):
-                remove_unfinished(self.path / FIGURES)
-            yield
-
     def require_manifest(self) -> Manifest:
         """The manifest of the run; ``InputError`` if the folder holds no study, ``IntegrityError`` if it is lost."""
         manifest = Manifest.read(self.path)
@@ -209,7 +201,8 @@ def hold(folder: Path) -> Iterator[None]:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = f"process {os.getpid()} on {platform.node()} since {now}"
         commit(folder / _HOLDER, text.encode(errors="replace"))
-        remove_unfinished(folder)
+        for place in filter(is_folder, (folder, folder / FIGURES)):
+            remove_unfinished(place)
         yield
     except LockedError:
         made = []  # it is the other's too
