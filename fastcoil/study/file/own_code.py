@@ -24,7 +24,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import collecting, is_text, refuse
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import is_file, read_bytes, require_usable
+from fastcoil.base.files import TooLargeError, is_file, read_bytes, require_usable
 from fastcoil.loops import netcdf
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS, RESERVED_DIMS
@@ -66,6 +66,8 @@ def find_source(what: str, text: str, folder: Path) -> Source:
     try:
         source = importlib.util.decode_source(read_bytes(path, _LARGEST))  # in the encoding that it declares
         source.encode()
+    except TooLargeError as error:
+        raise InputError(f"{given}: {path} {error}: move what the function does not need elsewhere") from None
     except (OSError, SyntaxError, ValueError, LookupError) as error:
         raise InputError(f"{given}: {path} cannot be read: {type(error).__name__}: {error}") from None
     return Source(text, source, path)

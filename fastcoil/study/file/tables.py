@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastcoil.base.arguments import collecting, refuse
+from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.model.metric_table import TRACES, WARM_UP
-from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
+from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter
 
 _DEEPEST = 20  # tables and lists inside each other: a study needs five
 LONGEST_KEY = 200  # characters; keys are labels of axes too
@@ -127,11 +127,8 @@ def known_parameters(
     table: Mapping[str, Value], problems: list[str], prefix: str = "", known: Mapping[str, Parameter] = PARAMETERS
 ) -> dict[str, Value]:
     """The entries of a table whose names are parameters; ``problems`` gets a sentence for each of the others."""
-    unknown = [name for name in table if name not in known]
-    for name in unknown[:_MOST_HINTS]:
-        with collecting(problems, prefix):
-            check_name(name, known)
-    problems += [f"{prefix}{name} is not a parameter (see `fastcoil parameters`)" for name in unknown[_MOST_HINTS:]]
+    unknown = with_hints((name for name in table if name not in known), known)
+    problems += [f"{prefix}{name} is not a parameter{hint} (see `fastcoil parameters`)" for name, hint in unknown]
     return {name: value for name, value in table.items() if name in known}
 
 
