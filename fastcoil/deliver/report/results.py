@@ -21,17 +21,17 @@ from fastcoil.deliver.report.page import (
     changed,
     cited,
     facts,
-    here,
     number,
     picture,
     require_page,
     setting,
+    versions,
 )
 from fastcoil.deliver.report.study import study_page
 from fastcoil.design.explain import Explanation
 from fastcoil.design.tuning_result import Tuning
 from fastcoil.loops.labels import quantity
-from fastcoil.loops.provenance import content_sha256
+from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.part import FITTING, VALIDATION
@@ -43,7 +43,8 @@ def _page(
     found: xr.Dataset, more: Sequence[Section],
 ) -> Page:  # fmt: skip
     """The page of a single result.  found: what its hash is of.  more: the sections behind the figure."""
-    sections = [Section("In one figure", [drawn]), *more, here(), cited()]
+    made_here = {name: value for name, value in provenance().items() if name != "date_created"}
+    sections = [Section("In one figure", [drawn]), *more, versions(made_here), cited()]
     return Page(label, title, question, warnings, answer, sections, content_sha256(found))
 
 

@@ -165,7 +165,7 @@ def study_page(folder: Path) -> Page:
         answer = findings(ds, None if tariff is None else billing_of(tariff, None))
         numbers = [metrics(ds)] if ds["status"].size == 1 else comparisons(ds)
         sections += [Section("Figures", _pictures(ds, title)), Section("In numbers", numbers)]
-    sections += [how(ds), versions(ds), Section("The study file", [Code(ds.attrs["study_toml"])])]
+    sections += [how(ds), versions(ds.attrs), Section("The study file", [Code(ds.attrs["study_toml"])])]
     sections += [_again(folder, ds), cited(ds)]
     question, origin = str(ds.attrs.get("summary", "")).strip(), str(ds.attrs["content_sha256"])
     return Page("Study", title, question, warnings, answer, sections, origin)
