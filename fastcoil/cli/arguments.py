@@ -1,7 +1,8 @@
 """Arguments of commands: paths, and lists of ``NAME=VALUE``."""
 
+import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,11 @@ with_scenario = click.option(
     help="The scenario, such as backlash=0.07,day=3: a label for every dimension.",
 )
 """Option of commands on one scenario; see ``labels_of``."""
+
+
+def options(*of: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A decorator that adds all of these options of click."""
+    return lambda command: functools.reduce(lambda made, option: option(made), of, command)
 
 
 def pairs(option: str, given: Sequence[str]) -> dict[str, str]:

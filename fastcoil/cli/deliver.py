@@ -38,27 +38,23 @@ def with_report(command: Callable[..., None]) -> Callable[..., None]:
     )(command)
 
 
-def write_report(result: Any, path: Path | None) -> None:
-    """Write the report of a result if ``path`` is given."""
-    if path is not None:
+def write_found(found: Any, out: Path | None, report: Path | None = None, *, word: str = "Written") -> None:
+    """Write the files asked for: the TOML of a result with its figure beside it, or the figure alone; its report.
+
+    word: what is said of the TOML.
+    """
+    if out is not None:
+        from fastcoil.base.figures import write
+
+        if out.suffix.lower() == ".toml":
+            found.to_toml(out)
+            say(f'{word + ":":<9}{out} (in a study: [loop] include = ["{out.name}"])')
+        form = out.suffix.lower().removeprefix(".").replace("toml", "png")
+        say(*(f"Figure:  {path}" for path in write({out.stem: found.plot()}, out.parent, format=form)))
+    if report is not None:
         from fastcoil.deliver.report.results import report as written
 
-        say(f"Report:  {written(result, path)}")
-
-
-def write_found(found: Any, path: Path) -> None:
-    """Write the TOML of a result, for ``include`` in a study, and its figure beside it."""
-    found.to_toml(path)
-    say(f'Written: {path} (in a study: [loop] include = ["{path.name}"])')
-    write_figure(found, path)
-
-
-def write_figure(found: Any, path: Path, format: str = "png") -> None:
-    """Write the figure of a result beside ``path``, under its name."""
-    from fastcoil.base.figures import write
-
-    (written,) = write({path.stem: found.plot()}, path.parent, format=format)
-    say(f"Figure:  {written}")
+        say(f"Report:  {written(found, report)}")
 
 
 def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:

@@ -11,10 +11,10 @@ import click
 
 from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, shown
-from fastcoil.base.files import commit, exists, has_mark, is_file, is_folder, require_file
+from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.text import aligned, number_or_word
-from fastcoil.cli.arguments import PATH, pairs
-from fastcoil.cli.deliver import with_report, write_figure, write_found, write_report
+from fastcoil.cli.arguments import PATH, options, pairs
+from fastcoil.cli.deliver import with_report, write_found
 from fastcoil.cli.terminal import announce_compilation, say
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def _as_pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) 
 
 
 _TIME_FORMAT = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; recognised by default."
-_READING_OPTIONS = (
+with_reading_options = options(
     click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
     click.option("--jumps", default="refuse", show_default=True,
                  help="If time runs backwards: refuse, or split there."),
@@ -43,13 +43,7 @@ _READING_OPTIONS = (
                  help="Header of the column for NAME, if it differs."),
     click.argument("data", type=PATH),
 )  # fmt: skip
-
-
-def with_reading_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
-    for option in _READING_OPTIONS:
-        command = option(command)
-    return command
+"""The argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
 
 
 def require_writable(out: Path) -> None:
@@ -58,9 +52,7 @@ def require_writable(out: Path) -> None:
     if exists(out) and not has_mark(out, b" fitted to ", 300):
         raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
     figure = out.with_suffix(".png")
-    if is_folder(figure):
-        raise InputError(f"-o {out}: {figure}, the name of its figure, is a folder: choose another name")
-    if is_file(figure) and not exists(out):
+    if exists(figure) and not exists(out):
         raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")
 
 
@@ -103,9 +95,7 @@ def diagnose(
     announce_compilation("mean_openings")
     found = diagnosed([data, *more] if more else data, **options)
     say(*found.summary())
-    if out is not None:
-        write_found(found, out)
-    write_report(found, report)
+    write_found(found, out, report)
     if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
         sys.exit(_FOUND)
 
@@ -177,8 +167,7 @@ def read(data: Path, out: Path | None, **options: Any) -> None:
     announce_compilation("mean_openings")
     found = read_test(data, **options)
     say(*found.summary())
-    if out is not None:
-        write_found(found, out)
+    write_found(found, out)
 
 
 _POINT = "File of the point NAME (or header, or FILE:HEADER), if neither header nor file name is NAME."
@@ -227,7 +216,6 @@ def join(
 
 
 def _require_new(out: Path) -> None:
-    """Raise unless ``out`` can be written and does not exist."""
     require_file("-o", out, ".csv")
     if exists(out):
         raise InputError(f"-o {out}: this file exists, choose another name or delete it")
@@ -238,19 +226,29 @@ def fit() -> None:
     """Fit a valve, a coil or a loop to a trend log (CSV); write TOML to include in a study, and a figure."""
 
 
-def with_common_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that all fits have."""
-    for option in (
-        click.option(
-            "--split",
-            type=float,
-            help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
-            "with --validate.",
-        ),
-        click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
-    ):
-        command = option(command)
-    return with_reading_options(with_report(command))
+with_common_options = options(
+    click.option(
+        "--split",
+        type=float,
+        help="Share of the log to fit, in whole batches or pieces if there are four or more; 0.7 by default, 1 "
+        "with --validate.",
+    ),
+    click.option("--validate", "validation", type=PATH, help="Another CSV file for validation."),
+    with_report,
+    with_reading_options,
+)
+"""The options that all fits have."""
+
+
+def run_fit(
+    fitted: Callable[..., Fit], kernel: str, out: Path, report: Path | None, *log: object, **options: Any
+) -> None:
+    """Fit, print the summary, and write TOML, figure and the report asked for."""
+    require_writable(out)
+    announce_compilation(kernel)
+    found = fitted(*log, **options)
+    say(*found.summary())
+    write_found(found, out, report, word="Fitted")
 
 
 def _as_numbers(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> dict[str, float]:
@@ -295,9 +293,7 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
     """
     from fastcoil.measured.fit_valve import fit_valve
 
-    require_writable(out)
-    announce_compilation("valve_flows")
-    write_and_print(fit_valve(data, **options), out, report)
+    run_fit(fit_valve, "valve_flows", out, report, data, **options)
 
 
 @fit.command("coil")
@@ -316,18 +312,7 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
     """
     from fastcoil.measured.fit_coil import fit_coil
 
-    require_writable(out)
-    announce_compilation("march_coil")
-    write_and_print(fit_coil(data, minimise_on="both" if both else "T_sup", **options), out, report)
-
-
-def write_and_print(found: Fit, out: Path, report: Path | None) -> None:
-    """Write the TOML, figure and requested report of a fit, and print its summary."""
-    found.to_toml(out)
-    say(*found.summary())
-    say(f'Fitted:  {out} (in a study: [loop] include = ["{out.name}"])')
-    write_figure(found, out)
-    write_report(found, report)
+    run_fit(fit_coil, "march_coil", out, report, data, minimise_on="both" if both else "T_sup", **options)
 
 
 @fit.command("loop")
@@ -351,10 +336,7 @@ def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path |
     """
     from fastcoil.measured.fit_loop import fit_loop
 
-    require_writable(out)
-    loop = _loop_of(parts)
-    announce_compilation()
-    write_and_print(fit_loop(data, loop, **options), out, report)
+    run_fit(fit_loop, "emulate", out, report, data, _loop_of(parts), **options)
 
 
 def _loop_of(parts: Sequence[str]) -> Loop:

@@ -10,20 +10,21 @@ import sys
 import time
 import tomllib
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fastcoil.base.arguments import choice_of
-from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra, nearest
+from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra
 from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
 from fastcoil.base.progress import duration
 from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, pairs, with_scenario
-from fastcoil.cli.deliver import with_report, write_figure, write_found, write_report
+from fastcoil.cli.deliver import with_report, write_found
 from fastcoil.cli.terminal import announce_compilation, interruptible, run_own_code, say
 
 if TYPE_CHECKING:
@@ -205,26 +206,6 @@ def presets() -> None:
 _WIDTHS = 40.0, 500.0  # allowed range in mm
 
 
-class _Asked(NamedTuple):
-    """What to draw.  width: inches; None: chosen by the number of panels."""
-
-    metrics: tuple[str, ...]
-    x: str | None
-    y: str | None
-    by: str | None
-    at: Mapping[str, Sequence[str]]
-    relative_to: Mapping[str, Sequence[str]]
-    width: float | None
-
-    @property
-    def name(self) -> str:
-        """Name of the figure file."""
-        axes = [*self.metrics, *(n for n in (self.y, self.by, self.x) if n)]
-        at = [f"{name}={'+'.join(labels)}" for name, labels in self.at.items()]
-        to = [f"to-{name}={'+'.join(labels)}" for name, labels in self.relative_to.items()]
-        return file_name("_".join([*axes, *at, *to]))
-
-
 @click.command()
 @click.argument("folder", type=PATH)
 @click.option("--metric", "metrics", multiple=True, help="Metric to draw; may be repeated.  rmse, … by default.")
@@ -245,49 +226,51 @@ def plot(
 ) -> None:  # fmt: skip
     """Draw the standard figures of the finished study in FOLDER, or a custom one with -x."""
     from fastcoil.base.figures import FIGURES, check_format, write
-    from fastcoil.study.folder.folder import StudyFolder
+    from fastcoil.deliver.figures.swept import standard_figures
+    from fastcoil.study.folder.folder import StudyFolder, hold
     from fastcoil.study.folder.results import open_study
 
-    target, chosen = _target(out, format)
-    dots = int(dpi) if dpi.isdecimal() else dpi
+    suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
+    if suffix and format and format.lower() != suffix:
+        raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
+    chosen, dots = format or suffix or "png", int(dpi) if dpi.isdecimal() else dpi
     check_format(chosen, dots)
-    store = StudyFolder(folder)
-    store.require_manifest()
+    StudyFolder(folder).require_manifest()
     if x is None and (metrics or y or by):
         raise InputError("--metric, -y and --by need -x: name the swept parameter along the x axis")
-    asked = _Asked(
-        metrics, x, y, by, all_labels_of("--at", at), all_labels_of("--relative-to", relative_to), _inches(width)
-    )
+    inches, fixed, case = _inches(width), all_labels_of("--at", at), all_labels_of("--relative-to", relative_to)
     ds = open_study(folder)
-    figures = _figures(ds, asked)
+    parts = [*metrics, *filter(None, (y, by, x))]
+    parts += [f"{name}={'+'.join(labels)}" for name, labels in fixed.items()]
+    parts += [f"to-{name}={'+'.join(labels)}" for name, labels in case.items()]
+    part = _part(ds, [name for name in (x, y, by) if name], fixed, case)
+    drawn = standard_figures(part, inches) if x is None else {"": _figure(part, metrics, x, y, by, inches)}
+    figures = {file_name("_".join(filter(None, [name, *parts]))): draw() for name, draw in drawn.items()}
     if not figures:
         say("Nothing is swept in this study, so there is nothing to draw.")
         return
     options: Any = {"format": chosen, "dpi": dots, "drawn_from": ds.attrs.get("content_sha256")}
-    if target is None:
-        with store.hold():
+    if out is None:
+        with hold(folder):
             paths = write(figures, folder / FIGURES, **options)
-    elif target.suffix and not is_folder(target):
+    elif suffix:
         first, *others = figures
-        paths = write({target.stem: figures[first]}, target.parent, **options)
+        paths = write({out.stem: figures[first]}, out.parent, **options)
         if others:
-            say(f"{target} shows {first}; to write {', '.join(others)} as well, give a folder.", err=True)
+            say(f"{out} shows {first}; to write {', '.join(others)} as well, give a folder.", err=True)
     else:
-        paths = write(figures, target, **options)
+        paths = write(figures, out, **options)
     say(*paths)
 
 
-def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
-    """Figures by file name; empty if nothing is swept."""
+def _figure(
+    part: xr.Dataset, metrics: Sequence[str], x: str, y: str | None, by: str | None, width: float | None
+) -> Callable[[], Figure]:
+    """What draws the figure of chosen axes."""
     from fastcoil.deliver.figures import swept as plots
 
-    part = _part(ds, asked)
-    if asked.x is None:
-        more = f"_{asked.name}" if asked.at or asked.relative_to else ""
-        return {f"{name}{more}": draw() for name, draw in plots.standard_figures(part, asked.width).items()}
-    metrics, by = asked.metrics or plots.STANDARD_METRICS, asked.by
     plots.rows_of(part, by)  # refused if there is no such dimension
-    unlike = [d for d in plots.control_dims(part) if d not in (asked.x, asked.y, by)]
+    unlike = [d for d in plots.control_dims(part) if d not in (x, y, by)]
     if by is None and unlike:
         by, *unlike = unlike
     if unlike:
@@ -295,43 +278,29 @@ def _figures(ds: xr.Dataset, asked: _Asked) -> dict[str, Figure]:
             f"{unlike[0]}: the plain PI and other controllers would be pooled in one median: select one with --at "
             f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
         )
-    if by and not asked.metrics:
-        metrics = metrics[: plots.panels_abreast(asked.width)]
-    return {asked.name: plots.panels(part, asked.x, asked.y, by, metrics, asked.width)}
+    shown = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
+    return partial(plots.panels, part, x, y, by, shown, width)
 
 
-def _part(ds: xr.Dataset, asked: _Asked) -> xr.Dataset:
+def _part(
+    ds: xr.Dataset, axes: Sequence[str], at: Mapping[str, Sequence[str]], to: Mapping[str, Sequence[str]]
+) -> xr.Dataset:
     """The part of the results to draw, with a title that describes it."""
     from fastcoil.study.analysis.compare import relative_to
-    from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, numeric_dims, selected
+    from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, selected
 
-    part, words = selected(ds, asked.at), [str(ds.attrs.get("title", ""))]
-    if asked.at:
-        words.append(f"at {in_words(part, asked.at)}")
-    if asked.relative_to:
-        case, named = case_of(part, asked.relative_to)
+    part, words = selected(ds, at), [str(ds.attrs.get("title", ""))]
+    if at:
+        words.append(f"at {in_words(part, at)}")
+    if to:
+        case, named = case_of(part, to)
         part = relative_to(part, case, named)
         words.append(f"against {named}")
-    known, axes = drawn_parameters(part), [str(n) for n in (asked.x, asked.y, asked.by) if n]
     if len(set(axes)) < len(axes):
         raise InputError(f"{axes[0]} is named twice: choose two different axes")
-    swept = [*numeric_dims(part["status"]), *(str(d) for d in part["status"].dims if d == asked.by)]
-    wrong = [n for n in axes if n not in known and n not in swept]
-    if known and wrong:
-        has = f"swept are {', '.join(swept) or 'none'}, drawn {', '.join(known)}"
-        raise InputError([f"{n} is not swept or sampled{nearest(n, [*swept, *known])}: {has}" for n in wrong])
-    drawn = [n for n in axes if n in known]
-    if drawn:
+    if drawn := [n for n in axes if n in drawn_parameters(part)]:
         part = binned(part, drawn)
     return part.assign_attrs(title=", ".join(filter(None, words)))
-
-
-def _target(out: Path | None, format: str | None) -> tuple[Path | None, str]:
-    """The target path and the format."""
-    suffix = out.suffix.removeprefix(".").lower() if out and not is_folder(out) else ""
-    if suffix and format and format.lower() != suffix:
-        raise InputError(f"-o {out} and --format {format}: they differ, give one of them")
-    return out, format or suffix or "png"
 
 
 def _inches(width: str | None) -> float | None:
@@ -386,9 +355,7 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
     announce_compilation()
     found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
-    if out is not None:
-        write_figure(found, out, out.suffix.lower().removeprefix("."))
-    write_report(found, report)
+    write_found(found, out, report)
 
 
 CHOSEN = "tuning.toml"
@@ -422,9 +389,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
         with Shown() as shown:
             found = run_tuning(asked._replace(n_jobs=n_jobs), shown)
         say(*found.summary(), "")
-        path = folder / CHOSEN
-        write_found(found, path)
-        write_report(found, report)
+        write_found(found, folder / CHOSEN, report)
 
 
 PORT = 5010

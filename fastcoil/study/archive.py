@@ -11,12 +11,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from pydantic import TypeAdapter
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists, require_file, storage_errors
 from fastcoil.base.text import printable
+from fastcoil.loops.netcdf import file_sha256
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.results import open_finished, problems_of_folder, problems_of_results
@@ -41,6 +40,7 @@ _TABLES = "package_versions", "computed_on"
 _LONGEST_NAME, _MOST_PARTS = 200, 30  # bytes of a part of a path; parts of a path
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first moment that a ZIP file can record
 _REGULAR = 0o100644 << 16
+_BLOCK = 2**20  # bytes
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,6 @@ class Listing:
 
     @property
     def data(self) -> bytes:
-        """The content of ``archive.json``."""
         content = asdict(self)
         return (json.dumps({**content, _CHECKSUM: checksum(content)}, indent=1, ensure_ascii=False) + "\n").encode()
 
@@ -99,38 +98,31 @@ def is_safe(name: str) -> bool:
     )
 
 
-@dataclass
-class Inputs:
-    """Where the paths of a study start in its archive, its files by member, and those that it will not find there."""
-
-    base: str
-    files: dict[str, Path] = field(default_factory=dict)
-    elsewhere: dict[str, str] = field(default_factory=dict)
-
-
-def inputs_of(study: Study) -> Inputs:
+def inputs_of(study: Study) -> tuple[str, dict[str, Path], dict[str, str]]:
     """Place the files that a study reads in its archive, so that its relative paths lead to them again.
 
     A path that goes up from the study file does so in the archive as well: the study is placed deep enough.  An
     absolute path is part of the study and leads nowhere on another machine: its file is packed, and the README says
     where it must be.
+
+    Returns the folder where paths of the study start, its files by member, and as ``Listing.elsewhere``.
     """
     named = list(_named_files(study))
     if not named:
-        return Inputs(HERE)
-    up = max(_steps_up(name) or 0 for name, _ in named)
-    found = Inputs("/".join([INPUTS, *["study"] * up]))
+        return HERE, {}, {}
+    base = "/".join([INPUTS, *["study"] * max(_steps_up(name) or 0 for name, _ in named)])
+    files: dict[str, Path] = {}
+    elsewhere: dict[str, str] = {}
     for name, path in named:
-        member = os.path.normpath(f"{found.base}/{name}")
+        member = os.path.normpath(f"{base}/{name}")
         if _steps_up(name) is None:
             folders = ("", *(f"{k}/" for k in range(2, len(named) + 2)))
             places = (f"{INPUTS}/elsewhere/{folder}{path.name}" for folder in folders)
-            member = next(place for place in places if found.files.get(place, path) == path)
-            found.elsewhere[name] = member
+            member = elsewhere[name] = next(place for place in places if files.get(place, path) == path)
         if not is_safe(member):
             raise InputError(f"{shown(name)}: this name cannot be unpacked everywhere, rename the file and run again")
-        found.files[member] = path
-    return found
+        files[member] = path
+    return base, files, elsewhere
 
 
 def _named_files(study: Study) -> Iterator[tuple[str, Path]]:
@@ -172,73 +164,54 @@ def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
     problems = problems_of_folder(store)
     if problems:
         raise IntegrityError("\n".join(problems))
-    inputs = inputs_of(store.read_study(manifest))
-    members = _members(store, ds, manifest, inputs)
+    base, inputs, elsewhere = inputs_of(store.read_study(manifest))
+    outputs = [RESULTS, *([str(ds.attrs["trace_file"])] if "trace_file" in ds.attrs else [])]
+    # the folder of the author is private, and exists on no other machine
+    moved = replace(manifest, relative_to=base, outputs={n: [manifest.outputs[n][0]] for n in outputs})
+    text = (store.read_text() or "").encode()
+    # a finished study has no shards; figures and reports can be made again
+    members: dict[str, bytes | Path] = {STUDY: text, MANIFEST: moved.text.encode()}
+    members |= {name: store.path / name for name in outputs} | inputs
+    if inputs:  # where it can be run
+        members[f"{base}/{STUDY}"] = text
+    members = {README: _readme(name, ds, base, elsewhere).encode(), **dict(sorted(members.items()))}
     listing = Listing(
         content_sha256=str(ds.attrs["content_sha256"]),
         made_with={n: str(ds.attrs[n]) for n in _TEXTS} | {n: json.loads(ds.attrs[n]) for n in _TABLES},
-        elsewhere=inputs.elsewhere,
-        files={member: _entry(source) for member, source in members.items()},
+        elsewhere=elsewhere,
+        files={},
     )
-    guide = _readme(name, ds, inputs).encode()
-    listing = replace(listing, files={README: _entry(guide), **listing.files})
-    members = {LISTING: listing.data, README: guide, **members}
 
     def write(unfinished: Path) -> None:
+        nonlocal listing
         with zipfile.ZipFile(unfinished, "w", zipfile.ZIP_STORED) as archive:
-            for member, source in members.items():
-                info = zipfile.ZipInfo(f"{name}/{member}", _EPOCH)
-                info.external_attr, info.create_system = _REGULAR, 3
-                info.file_size = len(listing.data) if member == LISTING else listing.files[member].bytes
-                with closing(_opened(source)) as file, archive.open(info, "w") as packed:
-                    shutil.copyfileobj(file, packed)
+            packed = {member: _packed(archive, f"{name}/{member}", source) for member, source in members.items()}
+            listing = replace(listing, files=packed)
+            _packed(archive, f"{name}/{LISTING}", listing.data)
 
-    def check(unfinished: Path) -> None:
-        with zipfile.ZipFile(unfinished) as archive:
-            for member, entry in listing.files.items():
-                with archive.open(f"{name}/{member}") as packed:
-                    digest = hashlib.file_digest(packed, "sha256").hexdigest()  # type: ignore[arg-type]
-                if digest != entry.sha256:
-                    raise IntegrityError(
-                        f"{member} changed while it was packed: wait until nothing writes to it, and try again"
-                    )
-
-    commit_written(path, write, check)
+    commit_written(path, write)
     return path, listing
 
 
-def _members(store: StudyFolder, ds: xr.Dataset, manifest: Manifest, inputs: Inputs) -> dict[str, bytes | Path]:
-    """What is packed, by path in the folder: bytes, or a file to copy.
-
-    A finished study has no shards; figures and reports can be made again.
-    """
-    outputs = [RESULTS, *([str(ds.attrs["trace_file"])] if "trace_file" in ds.attrs else [])]
-    # the folder of the author is private, and exists on no other machine
-    moved = replace(manifest, relative_to=inputs.base, outputs={n: [manifest.outputs[n][0]] for n in outputs})
-    text = (store.read_text() or "").encode()
-    found: dict[str, bytes | Path] = {STUDY: text, MANIFEST: moved.text.encode()}
-    if inputs.files:  # where it can be run
-        found[f"{inputs.base}/{STUDY}"] = text
-    found |= {name: store.path / name for name in outputs} | inputs.files
-    return dict(sorted(found.items()))
-
-
-def _opened(source: bytes | Path) -> Any:
-    if isinstance(source, bytes):
-        return BytesIO(source)
-    with storage_errors(source, "read"):
-        return source.open("rb")
+def _packed(archive: zipfile.ZipFile, name: str, source: bytes | Path) -> Entry:
+    """Write a member, bytes or a copy of a file."""
+    info, digest = zipfile.ZipInfo(name, _EPOCH), hashlib.sha256()
+    info.external_attr, info.create_system = _REGULAR, 3
+    with storage_errors(Path(name) if isinstance(source, bytes) else source, "read"):
+        file = BytesIO(source) if isinstance(source, bytes) else source.open("rb")
+    with file:
+        info.file_size = size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        with archive.open(info, "w") as member:
+            while block := file.read(_BLOCK):
+                digest.update(block)
+                member.write(block)
+    return Entry(size, digest.hexdigest())
 
 
-def _entry(source: bytes | Path) -> Entry:
-    with closing(_opened(source)) as file:
-        digest = hashlib.file_digest(file, "sha256")
-        return Entry(file.seek(0, os.SEEK_END), digest.hexdigest())
-
-
-def _readme(name: str, ds: xr.Dataset, inputs: Inputs) -> str:
+def _readme(name: str, ds: xr.Dataset, base: str, elsewhere: Mapping[str, str]) -> str:
     """How to check and use what is unpacked."""
-    study = f"{name}/{STUDY}" if inputs.base == HERE else f"{name}/{inputs.base}/{STUDY}"
+    study = f"{name}/{STUDY}" if base == HERE else f"{name}/{base}/{STUDY}"
     lines = [
         printable(str(ds.attrs["title"])),
         "",
@@ -247,7 +220,7 @@ def _readme(name: str, ds: xr.Dataset, inputs: Inputs) -> str:
         f"Look at it:       fastcoil report {name}",
         f"Compute it again: fastcoil run {study} -o again",
     ]
-    lines += [f"To be there before: {printable(path)}   from {member}" for path, member in inputs.elsewhere.items()]
+    lines += [f"To be there before: {printable(path)}   from {member}" for path, member in elsewhere.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -279,7 +252,8 @@ def _problems(path: Path, place: Path) -> list[str]:
             archive.extractall(place)
     (folder,) = place.iterdir()
     listing = Listing.parse((folder / LISTING).read_bytes())
-    found = {p.relative_to(folder).as_posix(): _entry(p) for p in sorted(folder.rglob("*")) if p.is_file()}
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    found = {p.relative_to(folder).as_posix(): Entry(p.stat().st_size, file_sha256(p)) for p in paths}
     del found[LISTING]
     wrong = [f"{shown(name)} is not on its list: somebody added it" for name in found if name not in listing.files]
     for name, entry in listing.files.items():

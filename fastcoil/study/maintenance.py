@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import collecting, refuse
-from fastcoil.base.errors import InputError, IntegrityError, nearest
+from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.files import file_name, is_file, is_folder
 from fastcoil.base.text import number_or_word
 from fastcoil.loops.boundary import Boundary
@@ -25,14 +25,7 @@ from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
 from fastcoil.loops.simulate import run_shard
 from fastcoil.model.engine.lanes import TraceRequest, compile_kernel
-from fastcoil.model.metric_table import (
-    METRICS,
-    STATUS_CRASHED,
-    STATUS_MEANINGS,
-    STATUS_NOT_RUN,
-    STATUS_OK,
-    TRACES,
-)
+from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS, STATUS_NOT_RUN, STATUS_OK, TRACES
 from fastcoil.model.numerics.jit import is_model
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import own_code_of, refuse_other_code
@@ -52,14 +45,12 @@ def status(folder: Path) -> list[str]:
     store = StudyFolder(folder)
     holder = find_holder(folder)
     running = [f"It is being run by {holder}."] if holder else []
-    nothing = ["Nothing is finished yet.", *running]
-    if running and Manifest.read(folder) is None and not store.has_results:
-        return nothing
-    manifest = store.require_manifest()
     try:
-        ds = open_study(folder)
+        manifest, ds = store.require_manifest(), open_study(folder)
     except InputError:  # no shard is finished
-        return nothing
+        if not running and Manifest.read(folder) is None:
+            raise
+        return ["Nothing is finished yet.", *running]
     found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
     n, left = ds["status"].size, found["not_run"]
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
@@ -112,7 +103,11 @@ def rerun(
     if is_model(manifest.model_sha256):
         refuse_other_code(own_code_of(layout.loop.rules.values()), manifest.own_code)
     compile_kernel()
-    ds = _run_one(plan, flat).squeeze("scenario", drop=True)
+    shard = Shard(np.array([flat]))
+    if plan.carry_over:  # the days before are run first, without traces
+        day, lane = divmod(flat, plan.n_a_day)
+        shard = Shard(np.array([lane]), plan.n_a_day, day, day + 1)
+    ds = run_shard(plan, shard).squeeze("scenario", drop=True)
     for dim, coordinate in coordinates.items():
         one = coordinate.isel({d: position[str(d)] for d in coordinate.dims}).reset_coords(drop=True)
         ds = ds.assign_coords({dim: one.assign_attrs(coordinate_attrs(dim, layout.loop.parameters))})
@@ -121,15 +116,7 @@ def rerun(
     ds.attrs = {"title": study.title, "summary": study.question, **provenance(), **simulation_attributes(plan)}
     with hold(path.parent):
         save(ds, path)
-    return path, _compare_with_stored(store, ds, position, layout.sizes)
-
-
-def _run_one(plan: Plan, flat: int) -> xr.Dataset:
-    """The flat results of one scenario; of a sequence of days the days before are run first, without traces."""
-    if not plan.carry_over:
-        return run_shard(plan, Shard(np.array([flat])))
-    day, lane = divmod(flat, plan.n_a_day)
-    return run_shard(plan, Shard(np.array([lane]), plan.n_a_day, day, day + 1))
+    return path, _compare_with_stored(store, ds, position)
 
 
 def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], list[str]]:
@@ -142,18 +129,16 @@ def _find(layout: Layout, at: Mapping[str, str]) -> tuple[int, dict[str, int], l
     found = selected(
         xr.Dataset({"status": (tuple(sizes), flat)}, layout.coordinates()), {dim: [text] for dim, text in at.items()}
     )
-    missing = {dim: [str(label) for label in found[dim].values] for dim, n in found["status"].sizes.items() if n > 1}
-    refuse([f"--at: {dim} is missing, choose one of {listed(labels)}" for dim, labels in missing.items()])
+    missing = [dim for dim, n in found["status"].sizes.items() if n > 1]
+    refuse([f"--at: {dim} is missing, choose one of {listed(found[dim].values)}" for dim in missing])
     found = found.squeeze()
     index = int(found["status"])
     position = dict(zip(sizes, map(int, np.unravel_index(index, flat.shape)), strict=True))
     return index, position, [f"{dim}={found[dim].values}" for dim in sizes]
 
 
-def _compare_with_stored(
-    store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int], sizes: Mapping[str, int]
-) -> list[str]:
-    """Say whether a rerun gave the result that the study, with dimensions of these sizes, has."""
+def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[str, int]) -> list[str]:
+    """Say whether a rerun gave the result that the study has."""
     rmse, word = float(ds["rmse"]), STATUS_MEANINGS[int(ds["status"])]
     off = np.isnan(rmse) and int(ds["status"]) == STATUS_OK
     words = [f"{'no rmse, the loop was off' if off else f'rmse {rmse:.4g} K'}, status {word}"]
@@ -161,8 +146,6 @@ def _compare_with_stored(
         results = open_study(store.path)
     except InputError:
         return words
-    if dict(results["status"].sizes) != dict(sizes):
-        raise IntegrityError(f"{store.results} has other dimensions than its study: delete it and run the study again")
     stored = results.isel(position)
     if int(stored["status"]) in (STATUS_NOT_RUN, STATUS_CRASHED):
         return [*words, f"In the study its status is {STATUS_MEANINGS[int(stored['status'])]}."]

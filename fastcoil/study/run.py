@@ -4,16 +4,16 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, path_of, text_of
-from fastcoil.base.errors import InputError, IntegrityError, StorageError
+from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.clashes import tell_limited
@@ -26,14 +26,8 @@ from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules import refuse_other_code
 from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import Study, read_study
-from fastcoil.study.folder.folder import StudyFolder
-from fastcoil.study.folder.results import (
-    Computed,
-    is_current,
-    is_of,
-    merge,
-    study_attributes,
-)
+from fastcoil.study.folder.folder import StudyFolder, hold
+from fastcoil.study.folder.results import Computed, is_current, is_of, merge, study_attributes
 from fastcoil.study.folder.stored import WORDS, Environment, Manifest, Shards, finished_manifest, reworded
 from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
 
@@ -47,23 +41,12 @@ class Finished:
     n_run: int
 
 
-class _Work(NamedTuple):
-    """What is left to do.
-
-    manifest: of the run.  computed: what the folder has of it.  missing: flat indices of the scenarios to run.
-    """
-
-    manifest: Manifest
-    computed: Computed
-    missing: np.ndarray
+_Workers = tuple[str, int, str | None]
+"""Who is to run it: backend, number, address of the scheduler."""
 
 
-class _Workers(NamedTuple):
-    """Who is to run it; see ``run_study``."""
-
-    n_jobs: int
-    backend: str
-    scheduler: str | None
+_Work = tuple[Manifest, Computed, np.ndarray]
+"""What is left to do: the run, what the folder has of it, flat indices of the scenarios to run."""
 
 
 def run_study(
@@ -159,34 +142,16 @@ def execute(
     n_jobs = workers(n_jobs)
     check_backend(backend, scheduler)
     with storage_errors(folder, "found"):
-        # a study's own code may change the current folder meanwhile
-        store = StudyFolder(folder.absolute())
-    with ExitStack() as held:
-        try:
-            held.enter_context(store.hold())
-        except StorageError:
-            ds = _finished_results(study, store, Manifest.of(study))  # which needs no writing
-            if ds is None:
-                raise
-            finished = Finished(store.path, ds, 0)
+        store = StudyFolder(folder.absolute())  # a study's own code may change the current folder meanwhile
+    with hold(store.path):
+        load_rules(study.plan.layout.loop.rules, study.rules)
+        work = _decide(study, store, extend)
+        if isinstance(work, tuple):
+            finished = _run_and_merge(study, store, work, (backend, n_jobs, scheduler), progress)
         else:
-            load_rules(study.plan.layout.loop.rules, study.rules)
-            work = _decide(study, store, extend)
-            if isinstance(work, _Work):
-                finished = _run_and_merge(study, store, work, _Workers(n_jobs, backend, scheduler), progress)
-            else:
-                finished = Finished(store.path, work, 0)
+            finished = Finished(store.path, work, 0)
         present(finished)
     return finished
-
-
-def _finished_results(study: Study, store: StudyFolder, asked: Manifest) -> xr.Dataset | None:
-    """The results in the folder, if they are those of the study and complete."""
-    ds = store.open_results() if store.has_results else None
-    if ds is None or not is_current(ds, asked):
-        return None
-    refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
-    return ds
 
 
 def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Dataset:
@@ -204,10 +169,11 @@ def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Datase
                 "then extend it"
             )
     else:
-        ds = _finished_results(study, store, asked)
-        if ds is not None:
+        ds = store.open_results() if store.has_results else None
+        if ds is not None and is_current(ds, asked):
+            refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
             return _put_right(study, store, ds, asked.knowing(stored))
-        if stored is None and store.has_results and not is_of(store.open_results(), asked):
+        if stored is None and ds is not None and not is_of(ds, asked):
             raise store.without_manifest()
     if stored is not None and not same_model(stored.model_sha256, asked.model_sha256):
         warnings.warn(
@@ -218,7 +184,7 @@ def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Datase
     manifest = asked.knowing(stored)
     computed = Computed.find(store, study, manifest)
     missing, environments = computed.survey()
-    return _Work(replace(manifest, computed_on=environments, finished=False), computed, missing)
+    return replace(manifest, computed_on=environments, finished=False), computed, missing
 
 
 def _put_right(study: Study, store: StudyFolder, ds: xr.Dataset, manifest: Manifest) -> xr.Dataset:
@@ -239,11 +205,12 @@ def _run_and_merge(
     """Run what is missing, shard by shard, and merge all of it."""
     plan = study.plan
     check_disk(plan.disk_bytes(traces_kept=study.reduction is None), store.path)
-    start, n_jobs, n_run, manifest = time.monotonic(), asked.n_jobs, 0, work.manifest
-    if work.missing.size:
-        if asked.scheduler is None:
-            check_workers(*plan.memory_of_run(n_jobs, asked.backend), n_jobs)
-        n_run = sum(shard.size for shard in shards_of(plan, n_jobs, work.missing))
+    start, n_run, (backend, n_jobs, scheduler) = time.monotonic(), 0, asked
+    manifest, computed, missing = work
+    if missing.size:
+        if scheduler is None:
+            check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
+        n_run = sum(shard.size for shard in shards_of(plan, n_jobs, missing))
         advance = progress(n_run) if progress else lambda n: None
         n_jobs, manifest = _run(study, store, work, asked, advance)
     elif not store.records(manifest, study.text):
@@ -254,9 +221,9 @@ def _run_and_merge(
         "wall_time_s": round(seconds, 3),
         "scenario_days_per_s": round(n_run / max(seconds, 1e-9), 1),
         "n_jobs": n_jobs,
-        "engine": asked.backend,
+        "engine": backend,
     }
-    ds = merge(store, study, manifest, work.computed.parts, speed)
+    ds = merge(store, study, manifest, computed.parts, speed)
     tell_limited(plan.layout.loop, ds)
     return Finished(store.path, ds, n_run)
 
@@ -265,7 +232,7 @@ def _run(
     study: Study, store: StudyFolder, work: _Work, asked: _Workers, advance: Callable[[int], object]
 ) -> tuple[int, Manifest]:
     """Run the missing scenarios and commit their shards; returns the number of workers and the manifest with theirs."""
-    plan, manifest = study.plan, work.manifest
+    plan, (manifest, computed, missing) = study.plan, work
     if study.reduction is not None:
         load("reduce", study.reduction)  # its mistakes before the work
     for rule in plan.layout.loop.rules.values():
@@ -273,9 +240,10 @@ def _run(
     compile_kernel()
     job = Job(plan, study.reduction, study.rules, Manifest.of(study).own_code)
     recorded, first = store.records(manifest, study.text), None
-    with closing(make_pool(asked.backend, job, asked.n_jobs, asked.scheduler)) as pool:
+    backend, n_jobs, scheduler = asked
+    with closing(make_pool(backend, job, n_jobs, scheduler)) as pool:
         n_jobs = pool.n_workers  # a cluster may have another number
-        for part in run_shards(pool, job, shards_of(plan, n_jobs, work.missing)):
+        for part in run_shards(pool, job, shards_of(plan, n_jobs, missing)):
             for environment in environments_of(part):
                 if environment not in manifest.computed_on:
                     _warn_of_difference(store.path, environment, manifest.computed_on)
@@ -285,7 +253,7 @@ def _run(
                 store.write_manifest(manifest, study.text)
                 recorded = True
             first = check_same_form(first, part)
-            work.computed.shards.commit(part)
+            computed.shards.commit(part)
             advance(part.sizes["scenario"])
     return n_jobs, manifest
 
@@ -293,11 +261,9 @@ def _run(
 def _warn_of_difference(folder: Path, environment: Environment, others: Sequence[Environment]) -> None:
     """Warn if other scenarios were computed where bits may differ."""
     for other in others:
-        differs = [
-            f"{name} {other.get(name, 'unknown')}, now {environment.get(name, 'unknown')}"
-            for name in sorted({*other, *environment})
-            if other.get(name) != environment.get(name)
-        ]
+        names = sorted({*other, *environment})
+        pairs = [(name, *(each.get(name, "unknown") for each in (other, environment))) for name in names]
+        differs = [f"{name} {was}, now {now}" for name, was, now in pairs if was != now]
         warnings.warn(
             f"a part of {folder} was computed elsewhere ({'; '.join(differs)}): the last digits of results may depend "
             "on that, in a loop that hunts also the first; to have all from one place, run the study in another folder",
@@ -306,7 +272,6 @@ def _warn_of_difference(folder: Path, environment: Environment, others: Sequence
 
 
 def _refuse_other_study(store: StudyFolder, study: Study) -> NoReturn:
-    """Refuse to replace the study in a folder by another one."""
     text = store.read_text()
     if text is None:
         raise IntegrityError(

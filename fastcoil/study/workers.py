@@ -66,11 +66,6 @@ def identity() -> tuple[str, str]:
     return model_sha256(), fingerprint()
 
 
-def itself(job: Job) -> Job:
-    """The job, as a task of a cluster."""
-    return job
-
-
 def run_scenarios(job: Job, shard: Shard) -> xr.Dataset:
     """Run a shard, and reduce its traces if the study asks for it.  Returns a flat Dataset, see ``run_shard``."""
     part = run_shard(job.plan, shard)
@@ -304,36 +299,30 @@ class Dask:
         try:
             within(None, lambda: asyncio.run(_shake_hands(scheduler)))  # in a notebook this thread has an event loop
             self._client = distributed.Client(scheduler, timeout=_WAIT_FOR_SCHEDULER, set_as_default=False)
+            self._client.wait_for_workers(1, timeout=_WAIT_FOR_WORKERS)
+            found: set[tuple[str, str]] = set(within(_WAIT_FOR_WORKERS, lambda: self._client.run(identity)).values())
+            self._identity = min(found)
         except Exception as error:  # the library may raise anything at an unexpected answer
-            raise _no_answer(scheduler, error) from None
+            self.close()
+            raise InputError(
+                f"no dask cluster answers at {scheduler!r} ({str(error) or type(error).__name__}): give the address "
+                "that the scheduler printed when it started, such as tcp://host:8786, with at least one worker, and "
+                "for tls:// dask's settings of the certificates"
+            ) from None
         try:
-            self._identity = self._find_identity(scheduler)
+            if len(found) > 1 or self._identity[0] != model_sha256():
+                raise InputError(
+                    "the workers of the dask cluster run another version of fastcoil, or differ in CPU, Python or "
+                    "library versions: results would not be bit-identical, use workers of one kind with this version"
+                )
             self.n_workers = sum(self._client.nthreads().values())
             self._executor = self._client.get_executor(pure=False)
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "Sending large graph")
-                self._job = self._client.submit(itself, job, pure=False)  # made again if a worker dies with it
+                self._job = self._client.submit(lambda job: job, job, pure=False)  # made again if a worker dies with it
         except BaseException:
             self.close()
             raise
-
-    def _find_identity(self, scheduler: str) -> tuple[str, str]:
-        """The identity of all workers; refuse them if their results would not be bit-identical."""
-        try:
-            self._client.wait_for_workers(1, timeout=_WAIT_FOR_WORKERS)
-            found: set[tuple[str, str]] = set(within(_WAIT_FOR_WORKERS, lambda: self._client.run(identity)).values())
-        except Exception as error:
-            raise _no_answer(scheduler, error) from None
-        if {model for model, _ in found} != {model_sha256()}:
-            raise InputError(
-                "the workers of the dask cluster run another version of fastcoil: install this version there"
-            )
-        if len(found) > 1:
-            raise InputError(
-                "the workers of the dask cluster differ in CPU, Python or library versions: results would not be "
-                "bit-identical, use workers of one kind"
-            )
-        return found.pop()
 
     def submit(self, shard: Shard) -> cf.Future[Any]:
         if self._client.status != "running":
@@ -353,14 +342,6 @@ async def _shake_hands(address: str) -> None:
     certificates = Security().get_connection_args("client")
     comm = await asyncio.wait_for(connect(address, _WAIT_FOR_SCHEDULER, **certificates), _WAIT_FOR_SCHEDULER)
     comm.abort()
-
-
-def _no_answer(scheduler: str, error: Exception) -> InputError:
-    return InputError(
-        f"no dask cluster answers at {scheduler!r} ({str(error) or type(error).__name__}): give the address that the "
-        "scheduler printed when it started, such as tcp://host:8786, with at least one worker, and for tls:// dask's "
-        "settings of the certificates"
-    )
 
 
 Pool = Threads | Loky | Dask

@@ -107,8 +107,8 @@ def test_a_mistake_is_one_sentence_and_writes_nothing(folder, export, tmp_path, 
     ("content", "sentence"),
     [
         (None, "table.nc does not exist: give the folder of a study"),
-        ("a,b\n1,2\n", "table.nc is no NetCDF file, or it is damaged: give the folder of a study"),
-        (drawn(3).drop_vars("status"), "table.nc holds no result of fastcoil: give the folder of a study"),
+        ("a,b\n1,2\n", "table.nc holds no result of fastcoil, or it is damaged: give the folder of"),
+        (drawn(3).drop_vars("status"), "table.nc holds no result of fastcoil, or it is damaged: give the folder of"),
     ],
 )
 def test_what_is_no_result_is_refused(export, tmp_path, content, sentence):

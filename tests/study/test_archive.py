@@ -40,7 +40,7 @@ def test_it_holds_study_results_traces_and_hashes_and_nothing_of_its_author(out,
     assert done.output.startswith(f"Archive: {path} (")
     assert golden(TRACED) in done.output
     (traces,) = (p.name for p in out.glob("traces-*.nc"))
-    kept = ["archive.json", "README.txt", "results.nc", "run.json", "study.toml", traces]
+    kept = ["README.txt", "results.nc", "run.json", "study.toml", traces, "archive.json"]
     assert names(path) == [f"out/{name}" for name in kept]
     assert str(tmp_path).encode() not in path.read_bytes()
     with zipfile.ZipFile(path) as file:

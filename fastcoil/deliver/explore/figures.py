@@ -53,7 +53,6 @@ def _legend_above(*figs: Any) -> None:
 
 
 def _show_line(fig: Any, label: str, visible: bool) -> None:
-    """Show or hide a line with its entry in the legend."""
     (item,) = [item for item in fig.legend[0].items if item.label.value == label]
     item.visible = item.renderers[0].visible = visible
 
@@ -210,6 +209,5 @@ class MapFigure:
         return columns
 
     def clear(self) -> None:
-        """Show no map."""
         for source in (self._cells, self._point):
             source.data = {name: [] for name in source.data}

@@ -65,12 +65,6 @@ def starts(given: Scenario | None = None) -> dict[str, Start]:
     return found | {name: Start(name, Loop.preset(name), T_w_in=preset.T_w_in) for name, preset in PRESETS.items()}
 
 
-def estimator_of(loop: Loop) -> str:
-    """The estimator of a single loop."""
-    (word,) = words_used(loop, "estimator")
-    return word
-
-
 class Dial(NamedTuple):
     """A slider.  factor: from the parameter's unit to the one shown; steps: values in the unit of the parameter."""
 
@@ -80,7 +74,6 @@ class Dial(NamedTuple):
     factor: float = 1.0
 
     def text(self, value: float) -> str:
-        """A value as the page shows it."""
         return f"{self.factor * value:.4g} {self.unit}"
 
 
@@ -152,14 +145,14 @@ class Settings:
 def settings_of(name: str, start: Start) -> Settings:
     """The settings at which a loop is as it was given."""
     numbers: Any = {dial: float(start.loop[dial]) for dial in DIALS if dial != "m_a"}  # type: ignore[arg-type]
-    estimator = "none" if estimator_of(start.loop) == "none" else "own"
+    estimator = "none" if words_used(start.loop, "estimator") == {"none"} else "own"
     day = "steps" if start.day is None else "own"
     return Settings(name, m_a=_STEADY_LOAD[str(start.loop["action"])], estimator=estimator, day=day, **numbers)
 
 
 def words_of(name: str, start: Start) -> dict[str, str]:
     """The words of a menu that suit a loop: "own" only where it has a day or an estimator of its own."""
-    without = {"day": start.day is None, "estimator": estimator_of(start.loop) == "none"}.get(name, False)
+    without = {"day": start.day is None, "estimator": words_used(start.loop, "estimator") == {"none"}}.get(name, False)
     return {word: text for word, text in CHOICES[name].words.items() if not (without and word == "own")}
 
 
@@ -175,7 +168,7 @@ def query_of(settings: Settings, starts: Mapping[str, Start]) -> str:
 
 
 def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str) -> tuple[Settings, list[str]]:
-    """The settings of a link, and a sentence for each mistake in it; a mistaken value is ignored.
+    """The settings of a link, and a sentence on what in it this page does not have, which is left out.
 
     first: the loop of a link that names none.
     """
@@ -184,27 +177,22 @@ def read_query(query: Mapping[str, str], starts: Mapping[str, Start], first: str
     name = links.get(asked, first)
     usual = settings_of(name, starts[name])
     if asked not in links:
-        known = f"unknown{nearest(asked, links)}; choose one of {', '.join(links)}"
-        return usual, [f"loop = {shown(asked)}: {known}", f"The link is not shown, but {starts[name].title}."]
-    problems: list[str] = []
+        return usual, [
+            f"loop = {shown(asked)} is not on this page{nearest(asked, links)}: {starts[name].title} is shown"
+        ]
     values: dict[str, Any] = {}
+    wrong = []
     for key, text in query.items():
-        words = words_of(key, starts[name]) if key in CHOICES else {}
         # the loop itself may lie beyond the steps
         within = (*DIALS[key].steps, getattr(usual, key)) if key in DIALS else ()
-        if text in words:
+        if key in CHOICES and text in words_of(key, starts[name]):
             values[key] = text
         elif within and min(within) <= _number(text) <= max(within):
             values[key] = float(text)
-        elif words or within:
-            cure = f"one of {', '.join(words)}" if words else f"a number from {min(within):g} to {max(within):g}"
-            problems.append(f"{key} = {shown(text)}: give {cure}")
         elif key != "loop":
-            problems.append(f"{shown(key)} is not a setting{nearest(key, [*DIALS, *CHOICES])}: leave it out")
-    rest = ["The rest of the link is shown."] if problems else []
-    if values and "loop" not in query:
-        rest.append(f"The link names no loop: its values are those of {starts[name].title} here.")
-    return replace(usual, **values), [*problems, *rest]
+            wrong.append(f"{key} = {text}")
+    problem = f"{shown(', '.join(wrong))}: no setting of this page, or beyond its bounds; the rest of the link is shown"
+    return replace(usual, **values), [problem] if wrong else []
 
 
 def _number(text: str) -> float:
@@ -308,16 +296,14 @@ class Run(NamedTuple):
     reading: str
 
     def value(self, metric: str) -> float:
-        """A metric."""
         return float(self.metrics[metric])
 
     def parameter(self, name: str) -> float:
-        """A number of the loop."""
         return float(self.scene.loop[name])  # type: ignore[arg-type]
 
     @property
     def learns(self) -> bool:
-        return estimator_of(self.scene.loop) != "none"
+        return words_used(self.scene.loop, "estimator") != {"none"}
 
     @property
     def compared(self) -> str:
@@ -406,7 +392,6 @@ class Model:
         return run(scene, valve_test_of(settings, scene))
 
     def run(self, settings: Settings) -> Run:
-        """The loop of some settings, simulated and predicted."""
         return self._run(replace(settings, axes="tuning", colour="rmse", window="day"))
 
     def map(self, settings: Settings) -> Mapping[str, Array]:

@@ -1,7 +1,7 @@
 """What is taken to a live loop: the controller as C, Structured Text and Python, with vectors that prove a port.
 
 Read ``export`` and ``controller`` first: a loop becomes laws in Python.  ``translate`` writes each rule among them as
-one function, from the functions that the kernel runs, with ``formulas``, ``values`` and ``words``.  ``source`` takes
-the laws apart; ``languages``, with ``printer``, writes them in C and Structured Text.  ``vectors`` makes the answers
+one function, from the functions that the kernel runs, with ``formulas``, ``values`` and ``words``.  ``printer``
+takes the laws apart, ``languages`` writes them in C and Structured Text.  ``vectors`` makes the answers
 required of a port.
 """

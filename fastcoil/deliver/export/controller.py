@@ -8,6 +8,7 @@ import math
 import re
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jinja2
@@ -16,23 +17,52 @@ import numpy as np
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.translate import Port, Translator
-from fastcoil.deliver.export.valve_test import TEST
 from fastcoil.deliver.export.words import commented, names_in, number, plain_text
 from fastcoil.loops.clashes import check_clashes
 from fastcoil.loops.labels import unit_in_words
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import columns_of
-from fastcoil.model.control import noise_level
+from fastcoil.model import valve_test
+from fastcoil.model.control import clipped, noise_level
+from fastcoil.model.engine.controller import opening_behind
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.engine.rows import PARAMETER_ROWS
 from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.parameter_table import LARGEST, PARAMETERS
 from fastcoil.model.user_rules import rules_for_kernels
+from fastcoil.model.valve_test import OFF, begin, held_command, mean_of, step
 
 ANY_SET_POINTS = np.array([0.0, LARGEST])
 """A controller may get any."""
 _OTHERS = ("m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w")
 """Names that the laws have only with a rule."""
+
+
+def run_test(now: Any, p: Any, memory: Any) -> Any:
+    """One cycle of the valve test; PI and compensation follow its command, to go on without a bump."""
+    starts = now.begins and memory.phase == OFF
+    if memory.phase == OFF and not starts:
+        if not now.enabled:
+            return now.command, memory
+        return now.command, mean_of(now.command, p, memory)
+    held = held_command(now.command, memory) if starts else now.command
+    running = begin(now.T_set, p, memory) if starts else memory
+    sign = 1.0 - 2.0 * p.action
+    command, after = step(sign * (now.T - running.reference), held, now.enabled, p, running)
+    if after.phase == OFF:  # the PI acts in this cycle
+        return now.command, after, 0.0
+    mode = after.direction if after.direction != 0.0 else now.mode
+    e = sign * (now.T - now.T_set)
+    u = opening_behind(command, mode, now.estimate, p.compensation)
+    return command, after, 1.0, e, mode > 0.0, u, u, clipped(u - p.kp * e)
+
+
+TEST = SimpleNamespace(
+    name="run_test", Memory=valve_test.Memory, step=run_test,
+    Parameters=SimpleNamespace(_fields=(*valve_test.Parameters._fields, "kp", "action", "compensation")),
+    follows=("test", "e", "rising", "u", "u_ext", "integral_part"),
+)  # fmt: skip
+"""As a rule.  follows: state of the controller that it returns behind its memory."""
 
 
 @cache
@@ -66,7 +96,13 @@ class Controller:
         self.word = {name: str(columns[name][0]) for name, p in PARAMETERS.items() if p.is_word}
         self.parameters = loop.parameters
         self.heats = self.word["action"] == "heating"
-        self._require_cycles()
+        sample, interval = self.number["sample_time"], self.number["learning_interval"]
+        if self.word["estimator"] == "learner" and interval % sample != 0.0:
+            below, above = sample * math.floor(interval / sample), sample * math.ceil(interval / sample)
+            raise InputError(
+                f"learning_interval = {interval:g} s is not a whole number of cycles of {sample:g} s (sample_time): "
+                f"give {below:g} or {above:g}, say"
+            )
         known = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
         estimator = next((one for one in known if one.name == self.word["estimator"]), None)
         if estimator is None:
@@ -110,16 +146,6 @@ class Controller:
             literal={name for name in names if name in self.word}, estimate=estimate, names=taken,
         ).port()  # fmt: skip
 
-    def _require_cycles(self) -> None:
-        """Refuse a learner whose intervals are no whole number of cycles."""
-        sample, interval = self.number["sample_time"], self.number["learning_interval"]
-        if self.word["estimator"] == "learner" and interval % sample != 0.0:
-            below, above = sample * math.floor(interval / sample), sample * math.ceil(interval / sample)
-            raise InputError(
-                f"learning_interval = {interval:g} s is not a whole number of cycles of {sample:g} s (sample_time): "
-                f"give {below:g} or {above:g}, say"
-            )
-
     def text(self) -> str:
         """The laws in Python, without what this controller does not need."""
         number, has = self.number, self.estimating is not None
@@ -149,7 +175,6 @@ class Controller:
         return re.sub(r"\n+(?=# (Parameters|Fixed)|import )", "\n\n", text)
 
     def words(self) -> str:
-        """What the controller consists of."""
         inverse = {"additive": "half the backlash added to its output", "smooth": "a smooth backlash inverse"}
         plain = "a backlash inverse" if self.estimating or self.number["backlash_estimate"] > 0.0 else ""
         parts = [

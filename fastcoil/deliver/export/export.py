@@ -2,7 +2,6 @@
 
 import os
 import re
-import sys
 from pathlib import Path
 from textwrap import wrap
 
@@ -14,7 +13,7 @@ from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.controller import Controller, templates
 from fastcoil.deliver.export.languages import InC, InST, st_number
-from fastcoil.deliver.export.source import Laws
+from fastcoil.deliver.export.printer import Laws
 from fastcoil.deliver.export.vectors import Vectors, cycles, vectors_of
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.valve_test import ValveTest
@@ -25,7 +24,6 @@ FIRST_VECTORS = 400
 """Vectors that a program in Structured Text holds, which cannot read files."""
 _MARK = b"ritten by fastcoil "  # in the head of every file
 _TOLERANCE = 1e-12
-_MODULES = {name.casefold() for name in (*sys.stdlib_module_names, "fastcoil", "numpy")}
 
 
 def export_controller(
@@ -66,7 +64,7 @@ def export_controller(
         language = check(choice_of, "language", language, SUFFIXES)
         test = check.unless_none(instance_of, "test", test, ValveTest, "give a fastcoil.ValveTest")
     require_file("path", path, SUFFIXES[language])
-    _require_name(path, language)
+    _require_name(path)
     loop = loop if test is None else loop.assign(**test.parameters())
     controller = Controller(loop)
     text = controller.text()
@@ -90,15 +88,13 @@ def export_controller(
     return [path.with_name(name) for name in files]
 
 
-def _require_name(path: Path, language: str) -> None:
-    """Refuse a name that cannot stand in a comment, or that hides a module of Python."""
+def _require_name(path: Path) -> None:
+    """Refuse a name that cannot stand in a comment."""
     if not _name_of(path) or not re.fullmatch(r"[A-Za-z0-9 _.,()+-]+", path.name):
         raise InputError(
             f"path = {shown(str(path))}: give it a name of letters a to z, digits, spaces and _ . , ( ) + -: "
             "the code and its comments contain it"
         )
-    if language == "python" and path.stem.casefold() in _MODULES:
-        raise InputError(f"path = {path}: it would hide Python's module {path.stem}: choose another name")
 
 
 def _name_of(path: Path) -> str:
@@ -108,7 +104,6 @@ def _name_of(path: Path) -> str:
 
 
 def _files(path: Path, language: str, text: str, vectors: Vectors, sample_time: float) -> dict[str, str]:
-    """Text of each file by its name."""
     name, stored = _name_of(path), f"{path.stem}_vectors.csv"
     words = {
         "name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs,

@@ -10,8 +10,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import ClassVar
 
-from fastcoil.deliver.export.printer import Printer, statements_in
-from fastcoil.deliver.export.source import Function, Laws, Named
+from fastcoil.deliver.export.printer import Function, Laws, Named, Printer, statements_in
 from fastcoil.deliver.export.words import WIDTH, broken, number
 
 _ZEROS = {"real": "0.0", "flag": "false", "whole": "0"}
@@ -43,7 +42,6 @@ class InC(Printer):
         self.functions |= {one: f"{name}_{one}" if one in _PUBLIC else one for one in laws.functions}
 
     def text(self) -> str:
-        """The whole file."""
         laws = self.laws
         fields = "\n".join(self.listed(laws.fields, self._field, "    "))
         state = self.comment(f"{laws.state_text}\n\nOne full of zeros starts by itself.")
@@ -121,7 +119,6 @@ class InST(Printer):
         self.functions |= {one: f"F_{name}_{one}" for one, own in laws.functions.items() if not own.is_section}
 
     def text(self) -> str:
-        """The whole file."""
         missing = [_MISSING[word].format(own) for word, own in self.missing.items()]
         functions = [self._function(one) for one in self.laws.functions.values() if not one.is_section]
         return "\n\n".join([self.comment(self.laws.text), *missing, *functions, self._block()]) + "\n"

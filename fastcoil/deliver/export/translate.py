@@ -28,7 +28,6 @@ from fastcoil.deliver.export.values import (
     constant,
     expression,
     has_return,
-    is_text,
     joined,
     needed,
     read_in,
@@ -40,7 +39,7 @@ _RETURNED = object()  # what a block gives whose values are stored already
 
 
 class Port(NamedTuple):
-    """A rule as laws: texts of Python, see ``source.Laws``.  step: a function of the state; call: how it is called."""
+    """A rule as laws: texts of Python, see ``printer.Laws``.  step: a function of the state; call: how it is called."""
 
     constants: list[str]
     fields: list[str]
@@ -76,7 +75,6 @@ class Translator(Formulas):
         self.fields = {n: "s." + self._named(name, "field") for n, name in wanted.items()}
 
     def port(self) -> Port:
-        """The laws of the rule."""
         while True:  # each round knows more of finitely many variables
             try:
                 return self._port()
@@ -91,7 +89,10 @@ class Translator(Formulas):
         self._begin()
         self.bounds: dict[str, int] = {}
         """Largest value of each counter."""
-        parameters = {n: self._parameter(n, float(x)) for n, x in self.numbers.items()}
+        parameters = {
+            n: constant(float(x)) if n in self.literal else Number(ast.Name(n.upper()), "real", float(x))
+            for n, x in self.numbers.items()
+        }
         first = {n: constant(x) for n, x in zip(self.Memory._fields, defaults_of(self.Memory), strict=True)}
         if self.start is not None:
             self.path = ("start",)
@@ -110,9 +111,6 @@ class Translator(Formulas):
         self._inlined(self.step, given, self._commit)
         shown = ["s.test_aborted"] if self.kind == "test" else []
         return self._written(begins, needed(self.out, {self.goal, "s.w", *self.follows, *shown}))
-
-    def _parameter(self, name: str, value: float) -> Number:
-        return constant(value) if name in self.literal else Number(ast.Name(name.upper()), "real", value)
 
     def _sample(self) -> dict[str, Any]:
         """What the rule sees, by the names that the controller has for it."""
@@ -205,7 +203,7 @@ class Translator(Formulas):
             self._loop(node, scope)
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
             self._value(node.value, scope)
-        elif not isinstance(node, ast.Pass) and not is_text(node):
+        elif not isinstance(node, ast.Pass) and not isinstance(getattr(node, "value", None), ast.Constant):
             raise self._refusal(f"it has {ast.unparse(node).partition(chr(10))[0].rstrip(':')}", f"use {SAID}")
         return None
 
@@ -275,7 +273,6 @@ class Translator(Formulas):
     # calls
 
     def _call(self, node: ast.Call, scope: Scope) -> Any:
-        """What a call gives."""
         function = self._value(node.func, scope)
         names = chain(getattr(function, "_fields", ()), repeat("value"))
         given = [self._value_of(name, one, scope) for name, one in zip(names, node.args, strict=False)]

@@ -67,11 +67,6 @@ class Scope:
         self.stored.update(set(self.arguments) & set(self.stored))
 
 
-def is_text(node: ast.stmt) -> bool:
-    """Whether a statement is a docstring."""
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-
-
 def constant(value: Any) -> Number:
     """A number as it is, without a name."""
     kind = {bool: "flag", int: "whole"}.get(type(value), "real")

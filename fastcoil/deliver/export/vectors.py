@@ -48,12 +48,10 @@ class Vectors:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """What a port must give."""
         return tuple(name for name in self.columns if name not in self.inputs)
 
     @property
     def size(self) -> int:
-        """How many cycles there are."""
         return int(self.columns["T_sup"].size)
 
     @cached_property
@@ -70,7 +68,6 @@ class Vectors:
         return zlib.crc32(self.lines.encode())
 
     def csv(self, code: str, sample_time: float) -> str:
-        """As a text file."""
         return (
             f"# Vectors for {code}, written by fastcoil {VERSION}: a row for each {sample_time:g} s cycle.\n"
             f"# Given: {', '.join(self.inputs)}.  A row with reset = 1 begins a run, and so does the first.\n"
@@ -98,7 +95,12 @@ def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
         answers = np.array(list(cycles(text, given, outputs))).T
         runs.append(given | dict(zip(outputs, answers, strict=True)))
     untested = loop.assign(test_start=LARGEST) if controller.tests else loop
-    runs += [_replayed(untested, controller, seen) for seen in _records(controller)]
+    for seen in _records(controller):
+        sample_time = int(controller.number["sample_time"])
+        held = seen if controller.sees_air else seen | {"m_a": np.full(seen["m_a"].size, np.nan)}
+        series = np.repeat(np.stack([held[name] for name in REPLAY_COLUMNS], axis=1), sample_time, axis=0)
+        # not as a log, which may not jump as this does
+        runs.append(_rows(replayed(untested, series, sample_time), seen))
     runs.append(_simulated(loop, controller))
     if controller.word["estimator"] == "identify":
         runs.append(_simulated(loop, controller, disturbed=True))
@@ -172,14 +174,6 @@ def _tested(controller: Controller) -> dict[str, Array]:
     seen["T_sup"][10] = math.nan
     more = {"start_test": start_test, "reset": reset, "start_command": start_command}
     return seen | {name: values.ravel() for name, values in more.items()}
-
-
-def _replayed(loop: Loop, controller: Controller, seen: dict[str, Array]) -> dict[str, Array]:
-    sample_time = int(controller.number["sample_time"])
-    held = seen if controller.sees_air else seen | {"m_a": np.full(seen["m_a"].size, np.nan)}
-    series = np.repeat(np.stack([held[name] for name in REPLAY_COLUMNS], axis=1), sample_time, axis=0)
-    # not as a log, which may not jump as this does
-    return _rows(replayed(loop, series, sample_time), seen)
 
 
 def _simulated(loop: Loop, controller: Controller, *, disturbed: bool = False) -> dict[str, Array]:

@@ -46,13 +46,10 @@ def places(ax: Any, heights: Sequence[float]) -> list[Axes]:
     from matplotlib.axes import Axes
 
     if ax is not None:
-        n = len(heights)
-        wanted = f"give {n} matplotlib axes, one for each panel, or leave it out"
         given = list(np.ravel(ax)) if isinstance(ax, (np.ndarray, list, tuple)) else [ax]
-        if not all(isinstance(one, Axes) for one in given):
+        if len(given) != len(heights) or not all(isinstance(one, Axes) for one in given):
+            wanted = f"give {len(heights)} matplotlib axes, one for each panel, or leave it out"
             raise InputError(WrongType(f"ax is a {type(ax).__name__}: {wanted}"))
-        if len(given) != n:
-            raise InputError(f"ax has {len(given)} axes: {wanted}")
         return given
     figure, panels = plt.subplots(
         len(heights), squeeze=False, sharex=True, height_ratios=list(heights), figsize=(_COLUMN, sum(heights)),
@@ -126,7 +123,6 @@ def picked(n: int, most: int = 3) -> list[int]:
 
 
 def _pooled(values: xr.DataArray, *drawn: str) -> list[str]:
-    """The dimensions that a figure does not show."""
     return [str(d) for d in values.dims if d not in drawn]
 
 

@@ -170,7 +170,14 @@ def panels(
         ]
     if by in drawn:
         raise InputError(f"{by} is named twice: choose two different axes")
-    draw, marks, height = _drawing(ds, x, y, has_names=has_names)
+    draw: Callable[[Axes, xr.DataArray], QuadMesh | None]
+    if y:
+        draw, marks, height = partial(drawing.draw_map, x=x, y=y), drawing.COLOUR, 3.0
+    elif has_names:
+        draw, marks = partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT
+        height = 1.0 + 0.22 * ds.sizes[x]
+    else:
+        draw, marks, height = partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE, 2.4
     rows, n = rows_of(ds, by), len(metrics)
     columns = n if by else min(n, panels_abreast(width))
     inches = _PANEL * max(columns, 2) if width is None else width
@@ -199,17 +206,6 @@ def panels(
     words += drawing.left_out_in_words(ds, by, len(rows)) + drawing.failed_in_words(ds)
     figure.suptitle(wrapped("\n".join(filter(None, [str(ds.attrs.get("title", "")), words])), inches, 9))
     return figure
-
-
-def _drawing(
-    ds: xr.Dataset, x: str, y: str | None, *, has_names: bool
-) -> tuple[Callable[[Axes, xr.DataArray], QuadMesh | None], Sequence[str], float]:
-    """What draws values into a panel, the words for its marks, and the height of a panel, inches."""
-    if y:
-        return partial(drawing.draw_map, x=x, y=y), drawing.COLOUR, 3.0
-    if has_names:
-        return partial(drawing.draw_dots, dim=x, color=BLUE), drawing.DOT, 1.0 + 0.22 * ds.sizes[x]
-    return partial(drawing.draw_curve, x=x, color=BLUE), drawing.LINE, 2.4
 
 
 def panels_abreast(width: float | None) -> int:
@@ -266,11 +262,11 @@ def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
 def control_dims(ds: xr.Dataset) -> list[str]:
     """Dimensions along which a plain PI is one of several controllers: a median over them would be of unlike things."""
     dims = [str(d) for d in ds["status"].dims if ds.sizes[d] > 1 and d not in CHANCE_DIMS]
-    return [d for d in dims if d == "controller" or _has_plain_pi(ds, d)]
-
-
-def _has_plain_pi(ds: xr.Dataset, dim: str) -> bool:
-    """Whether some labels of a dimension, and not all, are a plain PI by what differs along it."""
-    plain = [ds[n].values == value for n, value in _CONTROL.items() if n in ds.coords and ds[n].dims == (dim,)]
-    alike = np.logical_and.reduce(plain) if plain else np.zeros(1, dtype=bool)
-    return bool(alike.any() and not alike.all())
+    found = []
+    for dim in dims:
+        # some labels, and not all, are a plain PI by what differs along the dimension
+        plain = [ds[n].values == value for n, value in _CONTROL.items() if n in ds.coords and ds[n].dims == (dim,)]
+        alike = np.logical_and.reduce(plain) if plain else np.zeros(1, dtype=bool)
+        if dim == "controller" or (alike.any() and not alike.all()):
+            found.append(dim)
+    return found

@@ -39,7 +39,6 @@ class _Drawn(NamedTuple):
 
     @property
     def backlash(self) -> float:
-        """Of this scenario."""
         found = self.ds.coords.get("backlash", json.loads(self.ds.attrs.get("parameters", "{}")).get("backlash"))
         if found is None:
             raise InputError(f"data does not say its backlash: {_CURE}")
@@ -48,28 +47,18 @@ class _Drawn(NamedTuple):
     @property
     def times(self) -> Array:
         """Where its points lie along the x axis: dates where they are known, else hours."""
-        if _is_dated(self.ds):
-            return self.ds["time"].values
-        return np.asarray(self.ds["elapsed_time"].values / _HOUR)
-
-
-def _is_dated(ds: xr.Dataset) -> bool:
-    return "time" in ds.coords and ds["time"].dims == ("elapsed_time",)
+        return self.ds["time"].values if "time" in self.ds.coords else self.ds["elapsed_time"].values / _HOUR
 
 
 def _traced(data: Any) -> xr.Dataset:
-    """A result that has traces, as a Dataset."""
     ds: xr.Dataset = instance_of("data", data, xr.Dataset, _CURE)
     if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES):
         raise InputError('data has no traces: simulate with traces=["T_sup", "command"], or give a result that has')
-    if not ds.sizes["elapsed_time"]:
-        raise InputError("data has no point along elapsed_time: give a part of the result that has some")
     require_our_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
     return ds
 
 
 def _scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[_Drawn]:
-    """The scenarios of these traces."""
     sizes = {str(d): n for name in names for d, n in ds[name].sizes.items() if d != "elapsed_time"}
     if "volume" in sizes:
         raise InputError(f"the traces have {sizes['volume']} volumes: select one, such as ds.sel(volume=1)")
@@ -202,7 +191,7 @@ def _set_points(boundary: Boundary, found: list[_Drawn]) -> list[tuple[Array, Ar
 def _label_times(axes: Axes, ds: xr.Dataset) -> None:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    if not _is_dated(ds):
+    if "time" not in ds.coords:
         axes.set_xlabel("time from the start [h]")
         return
     zone = ds["time"].attrs.get("time_zone", "")
@@ -292,8 +281,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
         if missing:
             raise InputError(f"predicted has no {', '.join(missing)}: {cure}")
         here, there = (json.loads(each.attrs.get("parameters", "{}")) for each in (ds, predicted))
-        name = next((name for name in here if here[name] != there.get(name, here[name])), "")
-        if name:
+        for name in (name for name in here if here[name] != there.get(name, here[name])):
             other = f"predicted is of another loop, with {name} = {there[name]}, in data {here[name]}"
             raise InputError(f"{other}: give that of the same loop")
     found = _scenarios_of(ds, _PLANE)

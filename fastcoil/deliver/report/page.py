@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import json
 import math
-import platform
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,7 +24,6 @@ from fastcoil.base.machine import VERSION
 from fastcoil.base.text import MINUS, NONE, printable, written
 from fastcoil.loops.labels import quantity, sizes_in_words
 from fastcoil.loops.presets import NOT_THE_FIT, PRESETS
-from fastcoil.loops.provenance import package_versions
 from fastcoil.model.parameter_table import PARAMETERS
 
 if TYPE_CHECKING:
@@ -124,16 +122,14 @@ def facts(*pairs: tuple[str, str]) -> Table:
 
 
 class Picture(NamedTuple):
-    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it; file: where it lies."""
+    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it."""
 
     png: bytes
     caption: str
     alt: str
-    file: str = ""
 
     @property
     def source(self) -> str:
-        """The picture as a URI that holds all of it."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode()
 
 
@@ -173,7 +169,6 @@ class Page(NamedTuple):
     origin: str = ""
 
     def html(self) -> str:
-        """The whole file."""
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
         made = Environment(
@@ -184,7 +179,6 @@ class Page(NamedTuple):
         return made.get_template("page.html").render(page=self, sections=sections, version=VERSION)
 
     def write(self, path: Path) -> Path:
-        """Write the file, whole or not at all."""
         commit(path, self.html().encode())
         return path
 
@@ -246,24 +240,20 @@ def changed(constants: Mapping[str, Any], preset: str, against: str = "preset") 
     return Table(f"Parameters that differ from the {against}", ["name", "value", against, "meaning"], rows)
 
 
-def versions(ds: xr.Dataset) -> Section:
-    """What made the results, and their hashes."""
-    packages = json.loads(ds.attrs["package_versions"])
-    names = {"fastcoil": "fastcoil_version", "Python": "python_version", "Machine": "platform",
-             "Run on": "date_created"}  # fmt: skip
+def versions(attrs: Mapping[str, Any]) -> Section:
+    """What made the results with these attributes, and their hashes."""
+    names = {
+        "fastcoil_version": "fastcoil",
+        "python_version": "Python",
+        "platform": "Machine",
+        "date_created": "Run on",
+    }
+    packages = ", ".join(f"{name} {number}" for name, number in json.loads(attrs["package_versions"]).items())
     hashes = [f"{name}_sha256" for name in ("content", "study", "model", "boundary")]
     return Section("Versions and hashes", [facts(
-        *((words, str(ds.attrs.get(name, "unknown"))) for words, name in names.items()),
-        ("Packages", ", ".join(f"{name} {number}" for name, number in packages.items())),
-        *((name, str(ds.attrs[name])) for name in hashes if name in ds.attrs),
+        *((words, str(attrs[name])) for name, words in names.items() if name in attrs), ("Packages", packages),
+        *((name, str(attrs[name])) for name in hashes if name in attrs),
     )])  # fmt: skip
-
-
-def here() -> Section:
-    """The versions of this installation, for a result that was not read from a file."""
-    found = [f"{package} {number}" for package, number in package_versions().items()]
-    pairs = [("fastcoil", VERSION), ("Python", platform.python_version()), ("Packages", ", ".join(found))]
-    return Section("Versions", [facts(*pairs)])
 
 
 TITLE = "fastcoil: closed-loop emulation of HVAC coil valves with backlash"

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import xarray as xr
 
-from fastcoil.base.errors import FastcoilError
 from fastcoil.base.text import percent
 from fastcoil.deliver.figures.swept import standard_figures
 from fastcoil.deliver.report.page import (
@@ -37,8 +36,8 @@ from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of,
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.selected import own_metrics
-from fastcoil.study.analysis.summary import Billing, cautions, comparable, estimate_dim, findings, recommended
-from fastcoil.study.folder.folder import StudyFolder
+from fastcoil.study.analysis.summary import cautions, comparable, estimate_dim, findings, recommended
+from fastcoil.study.file.spec import billing_of
 from fastcoil.study.folder.results import open_finished
 
 _UNITS = {"sample": "drawn valves", "day": "days", "replicate": "noise realisations"}
@@ -67,81 +66,71 @@ def comparisons(ds: xr.Dataset) -> list[Table]:
         if dim == ratio:
             seen = comparable(ds)
             chosen = int((labels == recommended(seen, dim)).argmax())
-            found.append(_against(seen, dim, zero, f"the {pi} of the same loop", "", chosen))
+            found.append(_table(seen, dim, "", zero, f"the {pi} of the same loop", chosen))
         elif dim == "backlash" and labels[zero] == 0.0:
-            found.append(_against(plain, dim, zero, "the sound valve", only))
+            found.append(_table(plain, dim, only, zero, "the sound valve"))
         elif labels.dtype.kind in "OUST" and labels.size <= _MOST_NAMES:
-            found.append(_against(plain, dim, 0, f"{labels[0]}, the first", only))
+            found.append(_table(plain, dim, only, 0, f"{labels[0]}, the first"))
         elif is_parameter(ds, dim):
-            found.append(_along(plain, dim, only))
+            found.append(_table(plain, dim, only))
     return found
 
 
-def _rows_shown(ds: xr.Dataset, dim: str, *keep: int) -> list[int]:
-    """Rows of a table along a dimension: with its ends, those to keep and that of lowest error."""
+def _table(
+    ds: xr.Dataset, dim: str, only: str, at: int | None = None, words: str = "", chosen: int | None = None
+) -> Table:
+    """A row for every label, or some of many values, with medians over all else.
+
+    at: label of the baseline, ``words``; every scenario is compared with its partner there.  chosen: a label to keep.
+    only: of which loops.
+    """
+    unit = next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), "") if at is not None else ""
+    base, n, has_names = ds.isel({dim: at or 0}, drop=True), ds.sizes[dim], ds[dim].dtype.kind in "OUST"
     best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(math.inf)
-    most = _MOST_NAMES if ds[dim].dtype.kind in "OUST" else MOST_ROWS
-    return picked(ds.sizes[dim], (*keep, int(best.values.argmin())), most)
-
-
-def _against(ds: xr.Dataset, dim: str, at: int, words: str, only: str, *keep: int) -> Table:
-    """A row for every label, compared with the partner of each scenario under the baseline, the label ``at``."""
-    unit = next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), None)
-    base = ds.isel({dim: at}, drop=True)
-    head = [quantity_of(ds, dim).text, "RMS error [K]", "change", *(["95 % interval"] if unit else [])]
-    head += ["5 to 95 % of pairs", "lower in"] + _others_head(ds)
+    keep = [k for k in (at, chosen, int(best.values.argmin())) if k is not None]
+    shown = picked(n, tuple(keep), _MOST_NAMES if has_names else MOST_ROWS)
     rows = []
-    for k in _rows_shown(ds, dim, at, *keep):
-        one = ds.isel({dim: k}, drop=True)
-        cells = [_label(ds, dim, k), number(float(one["rmse"].median()))]
-        if k == at:
+    for k in shown:
+        one, label = ds.isel({dim: k}, drop=True), ds[dim].values[k]
+        cells = [str(label) if isinstance(label, str) else quantity_of(ds, dim).number(float(label))]
+        cells.append(number(float(one["rmse"].median())))
+        if at is None:
+            cells.append(" to ".join(number(float(one["rmse"].quantile(q))) for q in (0.05, 0.95)))
+        elif k == at:
             cells += ["baseline", *[""] * (2 + bool(unit))]
         else:
-            middle = middle_of(change_of(one["rmse"], base["rmse"]).rename("rmse"), unit or "")
+            middle = middle_of(change_of(one["rmse"], base["rmse"]).rename("rmse"), unit)
             pair = one["rmse"].notnull() & base["rmse"].notnull()
             lower = (one["rmse"] < base["rmse"]) + 0.5 * (one["rmse"] == base["rmse"])
             cells += [change(middle.median), *([span(middle.low, middle.high)] if unit else [])]
             cells += [span(middle.q05, middle.q95), percent(float(lower.where(pair).mean()))]
-        rows.append(cells + _others(one))
-    what = "names" if ds[dim].dtype.kind in "OUST" else "values"
+        for name in (name for name in one.data_vars if name != "rmse"):
+            values = one[name]
+            typical = quantity_of_values(values).factor * float(values.median())
+            cells.append(percent(float(values.mean())) if name == "hunts" else number(typical))
+        rows.append(cells)
+    of = quantity_of(ds, dim).text
+    others = [_HEADS.get(str(name)) or quantity_of_values(ds[name]).axis for name in ds.data_vars if name != "rmse"]
+    rest = left_out(n, len(rows), "names" if has_names else "values")
+    if at is None:
+        head = [of, "RMS error [K]", "5 to 95 % of scenarios", *others]
+        return Table(f"Along {of}", head, rows, f"Medians{only} over everything else.  {rest}".strip())
+    head = [
+        of,
+        "RMS error [K]",
+        "change",
+        *(["95 % interval"] if unit else []),
+        "5 to 95 % of pairs",
+        "lower in",
+        *others,
+    ]
     note = (
         f"RMS error: median{only}.  Change: median within pairs that differ in nothing else.  "
         f"{f'95 % interval: of the median change, over {ds.sizes[unit]} {_UNITS[unit]}.  ' if unit else ''}"
         f"5 to 95 % of pairs: how much the change differs from loop to loop.  Lower in: share of pairs with less "
-        f"error, ties half.  {left_out(ds.sizes[dim], len(rows), what)}"
+        f"error, ties half.  {rest}"
     ).strip()
-    return Table(f"{quantity_of(ds, dim).text.capitalize()}: against {words}", head, rows, note)
-
-
-def _along(ds: xr.Dataset, dim: str, only: str) -> Table:
-    """A row for every value, medians over all else."""
-    head = [quantity_of(ds, dim).text, "RMS error [K]", "5 to 95 % of scenarios", *_others_head(ds)]
-    rows = []
-    for k in _rows_shown(ds, dim):
-        one = ds.isel({dim: k}, drop=True)
-        low, middle, high = (number(float(one["rmse"].quantile(q))) for q in (0.05, 0.5, 0.95))
-        rows.append([_label(ds, dim, k), middle, f"{low} to {high}", *_others(one)])
-    note = f"Medians{only} over everything else.  {left_out(ds.sizes[dim], len(rows), 'values')}".strip()
-    return Table(f"Along {quantity_of(ds, dim).text}", head, rows, note)
-
-
-def _others_head(ds: xr.Dataset) -> list[str]:
-    return [_HEADS.get(str(name)) or quantity_of_values(ds[name]).axis for name in ds.data_vars if name != "rmse"]
-
-
-def _others(one: xr.Dataset) -> list[str]:
-    cells = []
-    for name in one.data_vars:
-        if name == "hunts":
-            cells.append(percent(float(one[name].mean())))
-        elif name != "rmse":
-            cells.append(number(quantity_of_values(one[name]).factor * float(one[name].median())))
-    return cells
-
-
-def _label(ds: xr.Dataset, dim: str, k: int) -> str:
-    value = ds[dim].values[k]
-    return str(value) if isinstance(value, str) else quantity_of(ds, dim).number(float(value))
+    return Table(f"{of.capitalize()}: against {words}", head, rows, note)
 
 
 def metrics(ds: xr.Dataset) -> Table:
@@ -161,37 +150,25 @@ def metrics(ds: xr.Dataset) -> Table:
 def study_page(folder: Path) -> Page:
     """The report of the finished study in a folder; raises as ``open_finished``."""
     ds = open_finished(folder)
-    billing, unread = _billing(folder, ds)
-    warnings = [unread] if unread else []
+    tariff, warnings = tomllib.loads(ds.attrs["study_toml"]).get("tariff"), []
     counts = Counter(ds["status"].values[ds["status"].values != STATUS_OK].tolist())
     n_failed = counts.total()
     if n_failed:
         why = ", ".join(f"{n:,} {STATUS_MEANINGS[code]}" for code, n in sorted(counts.items()))
         failed = f"{n_failed:,} of {ds['status'].size:,} scenarios failed ({why})"
-        warnings.insert(0, f"{failed}. They are in no number of this page; status in results.nc says which they are.")
+        warnings.append(f"{failed}. They are in no number of this page; status in results.nc says which they are.")
     title = str(ds.attrs["title"])
     sections: list[Section] = []
     answer = ["Every scenario failed: there is no answer."]
     if n_failed < ds["status"].size:
         warnings += cautions(ds)
-        answer = findings(ds, billing)
+        answer = findings(ds, None if tariff is None else billing_of(tariff, None))
         numbers = [metrics(ds)] if ds["status"].size == 1 else comparisons(ds)
         sections += [Section("Figures", _pictures(ds, title)), Section("In numbers", numbers)]
-    sections += [how(ds), versions(ds), Section("The study file", [Code(ds.attrs["study_toml"])])]
+    sections += [how(ds), versions(ds.attrs), Section("The study file", [Code(ds.attrs["study_toml"])])]
     sections += [_again(folder, ds), cited(ds)]
     question, origin = str(ds.attrs.get("summary", "")).strip(), str(ds.attrs["content_sha256"])
     return Page("Study", title, question, warnings, answer, sections, origin)
-
-
-def _billing(folder: Path, ds: xr.Dataset) -> tuple[Billing | None, str]:
-    """The prices of its ``[tariff]``, or why they cannot be read: the files of the study may be gone."""
-    if "tariff" not in tomllib.loads(ds.attrs["study_toml"]):
-        return None, ""
-    store = StudyFolder(folder)
-    try:
-        return store.read_study(store.require_manifest()).billing, ""
-    except FastcoilError as error:
-        return None, f"Costs are left out, for the study can no longer be read: {error}"
 
 
 def _pictures(ds: xr.Dataset, title: str) -> list[Block]:

@@ -2,16 +2,17 @@
 
 import json
 import math
+import tomllib
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, number_of, refuse, text_of
-from fastcoil.base.errors import InputError, shown
+from fastcoil.base.errors import nearest, shown
 from fastcoil.loops.scenarios import attributes, check_result
 from fastcoil.model.metric_table import COSTS, METRICS, STATUS_OK, YEARLY
 
@@ -47,12 +48,15 @@ class Tariff:
 
 
 def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
-    """The tariff of a table, where None stands for what is not given."""
-    known = {name: value for name, value in given.items() if value is not None}
+    """The tariff of a table, without its ``baseline``; None stands for what is not given."""
+    known = {name: value for name, value in given.items() if value is not None and name != "baseline"}
     limits = {name: (f"give {meaning}", 0.0, DEAREST) for name, (meaning, _) in PRICES.items()}
     low, high = COP_LIMITS
     limits["cop"] = (f"give the coefficient of performance of the chiller, from {low:g} to {high:g}", low, high)
+    names = [each.name for each in fields(Tariff)]
     with checking() as check:
+        unknown = [name for name in known if name not in names]
+        check.problems += [f"{n} is unknown{nearest(n, names)}; known: {', '.join(names)}, baseline" for n in unknown]
         for name, (meaning, example) in PRICES.items():
             if name not in known:
                 check.problems.append(f"{name} is missing: {cure}, {meaning}, such as {name} = {example:g}")
@@ -63,15 +67,11 @@ def tariff_of(given: Mapping[str, Any], cure: str = "give it") -> Tariff:
         if "electric_heat" in known:
             known["electric_heat"] = check(flag_of, "electric_heat", known["electric_heat"])
         if "currency" in known:
-            known["currency"] = check(_currency_of, known["currency"])
+            text = check(text_of, "currency", known["currency"])
+            if text is not None and not (text.strip() and text.isprintable() and len(text) <= LONGEST_CURRENCY):
+                cure = f"give its name in 1 to {LONGEST_CURRENCY} letters, such as 'USD'"
+                check.problems.append(f"currency = {shown(text)}: {cure}")
     return Tariff(**known)
-
-
-def _currency_of(value: object) -> str:
-    text = text_of("currency", value)
-    if not text.strip() or len(text) > LONGEST_CURRENCY or not text.isprintable():
-        raise InputError(f"currency = {shown(text)}: give its name in 1 to {LONGEST_CURRENCY} letters, such as 'USD'")
-    return text
 
 
 def billing_months(n_days: int, start: xr.DataArray | None) -> tuple[list[np.ndarray], dict[str, Any]]:
@@ -159,7 +159,8 @@ def cost(
     given = {name: value for name, value in locals().items() if name != "ds" and value is not None}
     check_result(ds)
     _require_billable(ds)
-    tariff = tariff_of(_asked_in_study(ds) | given, "give it, or a table [tariff] in the study file")
+    in_study = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
+    tariff = tariff_of(in_study | given, "give it, or a table [tariff] in the study file")
     if "start" not in ds.coords:
         warnings.warn(
             f"the results have no dates: {MONTH} days are taken for a month; give the boundary a start to have the "
@@ -205,14 +206,6 @@ def _action_of(ds: xr.Dataset) -> xr.DataArray:
     """Whether the coils of a result cool or heat, by a coordinate or by its attributes; neither where none says it."""
     constant = json.loads(ds.attrs.get("parameters", "{}")).get("action")
     return ds.coords["action"] if "action" in ds.coords else xr.DataArray(constant)
-
-
-def _asked_in_study(ds: xr.Dataset) -> dict[str, Any]:
-    """``[tariff]`` of the study that made the result; the reader of the study checked its form."""
-    import tomllib
-
-    table = tomllib.loads(str(ds.attrs.get("study_toml", ""))).get("tariff", {})
-    return {name: value for name, value in table.items() if name != "baseline"}
 
 
 def costs_of(ds: xr.Dataset, tariff: Tariff) -> xr.Dataset:

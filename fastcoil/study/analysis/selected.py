@@ -82,33 +82,26 @@ def case_of(ds: xr.Dataset, labels: Mapping[str, Sequence[str]]) -> tuple[dict[s
 
 def in_words(ds: xr.Dataset, at: Mapping[str, Sequence[str]]) -> str:
     """``backlash = 7 %, tuning = faster``; ds: what was selected."""
-    return ", ".join(f"{quantity_of(ds, name).text} = {_values(ds, name)}" for name in at)
-
-
-def _values(ds: xr.Dataset, name: str) -> str:
-    values = np.unique(ds[name].values)
-    if values.dtype.kind == "f" and is_parameter(ds, name):
-        return " and ".join(quantity_of(ds, name).number(value) for value in values)
-    return " and ".join(map(str, values))
+    words = []
+    for name in at:
+        of, values = quantity_of(ds, name), np.unique(ds[name].values)
+        text = of.number if values.dtype.kind == "f" and is_parameter(ds, name) else str
+        words.append(f"{of.text} = {' and '.join(map(text, values))}")
+    return ", ".join(words)
 
 
 def _choices(ds: xr.Dataset, name: str, text: str) -> str:
     """What a user may give instead of an unknown label: of many numbers those nearest to it."""
-    labels, dim = np.unique(ds[name].values), ds[name].dims[0]
-    if labels.size > _MOST_LABELS and name != dim:
-        return (
-            f"{name} has a value of its own at each {dim}, none to choose from: take --at {dim}=…, or group its values "
-            f"with -x {name} of plot"
-        )
+    labels = np.unique(ds[name].values)
     if labels.size > _MOST_LABELS and labels.dtype.kind in "if":
         with suppress(ValueError):  # a word
             labels = np.sort(labels[np.argsort(abs(labels - float(text)))[:_MOST_LABELS]])
-    return f"choose one of {listed([str(label) for label in labels])}"
+    return f"choose one of {listed(labels)}"
 
 
-def listed(words: Sequence[Any]) -> str:
+def listed(words: Sequence[Any] | np.ndarray) -> str:
     """The first of many words."""
-    return ", ".join(words[:_MOST_LABELS]) + (", …" if len(words) > _MOST_LABELS else "")
+    return ", ".join(map(str, words[:_MOST_LABELS])) + (", …" if len(words) > _MOST_LABELS else "")
 
 
 BINS = 8
@@ -135,11 +128,6 @@ def binned(ds: xr.Dataset, names: Sequence[str]) -> xr.Dataset:
     ``sample``; groups have as many places as the largest one has members, and NaN, as status too, where there is none.
     The coordinate ``members`` says how many a group has; the attribute ``pooled_as`` of ``sample`` says it in words.
     """
-    known = drawn_parameters(ds)
-    wrong = [n for n in names if n not in known]
-    if wrong:
-        has = f"drawn are {', '.join(known)}" if known else "nothing is drawn in this study"
-        raise InputError([f"{n} is no drawn parameter{nearest(n, known)}: {has}" for n in wrong])
     dims = ds["status"].dims
     drawn = [d for d in dims if any(d in ds[n].dims for n in names)]
     others = [d for d in dims if d not in drawn]

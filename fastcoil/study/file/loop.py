@@ -23,6 +23,7 @@ from fastcoil.loops.loop import Loop, knowing
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import INSTALLED_VALVE, PARAMETERS, Parameter
 from fastcoil.model.user_rules import Rule
+from fastcoil.study.analysis.selected import listed
 from fastcoil.study.file.tables import StudyFile, are_numbers, first_of, known_parameters, parse_toml, sampled_names
 
 _WHAT = "a file that `fastcoil fit` wrote, with a path from the study file's folder"
@@ -86,14 +87,6 @@ DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], str]] = {
 """The names of the arguments of each continuous distribution, and what they must be; ``choice`` exists besides."""
 
 
-def design_size(table: Mapping[str, Any]) -> int:
-    """Number of scenarios that ``[sample]`` draws; 1 where it is absent or wrong."""
-    size = table.get("size")
-    if type(size) is not int or not 1 <= size <= LARGEST_SAMPLE:
-        return 1
-    return size * (len(sampled_names(table)) + 2 if table.get("method") == SALTELLI else 1)
-
-
 def sample_values(table: Mapping[str, Any], known: Mapping[str, Parameter] = PARAMETERS) -> dict[str, xr.DataArray]:
     """Draw the parameters of ``[sample]``: name → numbers in the parameter's unit, or words, along ``sample``.
 
@@ -153,8 +146,7 @@ def _find_problems(parameter: Parameter, shape: object) -> list[str]:
     elif kind == CHOICE and (not isinstance(arguments, list) or not arguments):
         problems = ["give a list of at least one value"]
     elif kind == CHOICE:
-        wrong = [problem for value in arguments if (problem := parameter.problem(value))]
-        if wrong:
+        if wrong := [problem for value in arguments if (problem := parameter.problem(value))]:
             return first_of(wrong)
         problems = [f"{value} appears twice, leave one out" for value, n in Counter[Any](arguments).items() if n > 1]
     elif parameter.is_word or parameter.whole:
@@ -210,7 +202,6 @@ def _ppf(kind: str, arguments: Sequence[float], share: np.ndarray) -> Any:
 
 LONGEST_AXIS = 1_000_000  # values; more take minutes to label, and a design that large is drawn with [sample]
 _MOST_DIMS = 32
-_MOST_NAMED = 5
 _SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
@@ -316,11 +307,12 @@ def axis_values(name: str, axis: object) -> list[Any]:
     """Values of a swept axis: a list, ``{ linspace = [first, last, count] }`` or ``{ geomspace = […] }``."""
     if isinstance(axis, list):
         return axis
-    kind, spacing = _spacing_of(axis)
+    spaced: dict[str, Any] = axis if isinstance(axis, dict) and len(axis) == 1 else {"": None}
+    ((kind, spacing),) = spaced.items()
     if kind not in _SPACINGS:
         kinds = "{ linspace = [first, last, count] } or { geomspace = [first, last, count] }"
         raise InputError(f"{name} = {shown(axis)}: give a list of values, {kinds}")
-    if not _is_spacing(spacing):
+    if not are_numbers(spacing, 3) or type(spacing[2]) is not int or not 1 <= spacing[2] <= LONGEST_AXIS:
         raise InputError(
             f"{name} = {{ {kind} = {shown(spacing)} }}: give [first, last, count], two finite numbers and a whole "
             f"number from 1 to {LONGEST_AXIS:,}; draw more with [sample]"
@@ -329,22 +321,6 @@ def axis_values(name: str, axis: object) -> list[Any]:
     if kind == "geomspace" and min(first, last) <= 0.0:
         raise InputError(f"{name} = {{ geomspace = {shown(spacing)} }}: first and last must be above 0")
     return list(_SPACINGS[kind](float(first), float(last), count).tolist())
-
-
-def axis_size(axis: object) -> int:
-    """Number of values of a swept axis; 1 if it is wrong."""
-    if isinstance(axis, list):
-        return len(axis)
-    kind, spacing = _spacing_of(axis)
-    return int(spacing[2]) if kind in _SPACINGS and _is_spacing(spacing) else 1
-
-
-def _spacing_of(axis: object) -> tuple[str, Any]:
-    return next(iter(axis.items())) if isinstance(axis, dict) and len(axis) == 1 else ("", None)
-
-
-def _is_spacing(spacing: Any) -> bool:
-    return are_numbers(spacing, 3) and type(spacing[2]) is int and 1 <= spacing[2] <= LONGEST_AXIS
 
 
 def _zip_cases(
@@ -362,8 +338,7 @@ def _zip_cases(
         default = None if name in unset else loop[name]
         without = [label for label, case in cases.items() if name not in case]
         if without and (default is None or isinstance(default, xr.DataArray)):
-            more = f" and {len(without) - _MOST_NAMED:,} more" if len(without) > _MOST_NAMED else ""
-            problems.append(f"{name} is missing in {', '.join(without[:_MOST_NAMED])}{more}: give it in every case")
+            problems.append(f"{name} is missing in {listed(without)}: give it in every case")
             continue
         values = [case.get(name, default) for case in cases.values()]
         wrong = first_of([problem for value in values if (problem := loop.parameters[name].problem(value))])

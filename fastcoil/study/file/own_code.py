@@ -13,7 +13,7 @@ import importlib.util
 import linecache
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -45,7 +45,6 @@ class Source:
 
     @property
     def sha256(self) -> str:
-        """Hash of the name and the text."""
         return hashlib.sha256(f"{self.name}\0{self.source}".encode()).hexdigest()
 
 
@@ -226,7 +225,8 @@ def reduce(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
     reduced = _call(reduction, traces)
     alone = _call(reduction, traces.isel({SCENARIO: slice(-1, None)}))
     one, other = reduced.isel({SCENARIO: slice(-1, None)}).variables, alone.variables
-    differing = [str(n) for n in {**one, **other} if n not in one or n not in other or not _same(one[n], other[n])]
+    same = {n for n in one if n in other and one[n].dtype == other[n].dtype and one[n].equals(other[n])}  # type: ignore[no-untyped-call]
+    differing = [str(n) for n in {**one, **other} if n not in same]
     if differing:
         raise InputError(
             f"reduce = {reduction.name!r} gives another {' and '.join(differing)} for a scenario alone than among "
@@ -243,21 +243,14 @@ def _call(reduction: Source, traces: xr.Dataset) -> xr.Dataset:
     refuse([f"reduce = {reduction.name!r} returned {problem}" for problem in problems])
     labels = {dim: _copy(found[dim].variable) for dim in _dims(found) if dim in found.coords}
     made = xr.Dataset({n: _copy(v.variable).transpose(SCENARIO, ...) for n, v in found.data_vars.items()}, labels)
-    if not _is_storable(made):
-        raise InputError(
-            f"reduce = {reduction.name!r} returned names or labels that no file gives back as they are: use letters, "
-            "digits and _ for names, numbers or words for labels"
-        )
-    return made
-
-
-def _is_storable(made: xr.Dataset) -> bool:
-    """Whether a file gives a Dataset back as it is."""
-    try:
-        back = netcdf.load(bytes(netcdf.netcdf_bytes(made)))
-    except Exception:  # the libraries raise many things at what they cannot write
-        return False
-    return back.identical(made) and all(str(name).isidentifier() for name in (*made.variables, *made.dims))
+    are_names = all(str(name).isidentifier() for name in (*made.variables, *made.dims))
+    with suppress(Exception):  # the libraries raise many things at what they cannot write
+        if are_names and netcdf.load(bytes(netcdf.netcdf_bytes(made))).identical(made):
+            return made
+    raise InputError(
+        f"reduce = {reduction.name!r} returned names or labels that no file gives back as they are: use letters, "
+        "digits and _ for names, numbers or words for labels"
+    )
 
 
 def _copy(variable: xr.Variable) -> xr.Variable:
@@ -291,7 +284,6 @@ def _problems(found: Any, traces: xr.Dataset) -> Iterable[str]:
 
 
 def _dims(found: xr.Dataset) -> list[Any]:
-    """The dims of its variables besides the scenario."""
     return list(dict.fromkeys(dim for array in found.data_vars.values() for dim in array.dims if dim != SCENARIO))
 
 
@@ -304,7 +296,3 @@ def _protect(traces: xr.Dataset) -> xr.Dataset:
             values.flags.writeable = False
             variable.data = values
     return protected
-
-
-def _same(one: xr.Variable, other: xr.Variable) -> bool:
-    return one.dtype == other.dtype and bool(one.equals(other))  # type: ignore[no-untyped-call]

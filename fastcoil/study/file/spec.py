@@ -30,9 +30,9 @@ from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.analysis.cost import TAKEN, tariff_of
 from fastcoil.study.analysis.selected import listed
 from fastcoil.study.analysis.summary import Billing
-from fastcoil.study.file.loop import axis_size, build_loop, design_size, read_includes, warn_of_magnitudes
+from fastcoil.study.file.loop import build_loop, read_includes, warn_of_magnitudes
 from fastcoil.study.file.own_code import Source, find_rules, find_source
-from fastcoil.study.file.tables import RunTable, StudyFile, TariffTable, TuneTable, parse_tables, parse_toml, with_hints
+from fastcoil.study.file.tables import RunTable, StudyFile, parse_tables, parse_toml, with_hints
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
@@ -47,7 +47,6 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
 
 _BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
 """Metrics and status: the result, its image on the way to disk, a copy while it is put together."""
-_MOST_OF_ANY = 2**32
 
 
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
@@ -59,12 +58,7 @@ def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
         hint = nearest(str(kind), BOUNDARY_KINDS)
         raise InputError(f"[boundary] kind = {shown(kind)}: unknown{hint}; choose one of {known}")
     make = BOUNDARY_KINDS[kind]
-    signature = inspect.signature(make).parameters
-    unknown = with_hints((name for name in arguments if name not in signature), signature)
-    missing = [name for name, p in signature.items() if p.default is p.empty and name not in arguments]
-    takes = f"it takes {', '.join(signature)}"
-    problems = [f"{name} is not an argument of {kind}{hint}; {takes}" for name, hint in unknown]
-    problems += [f"{name} is missing: {kind} needs it" for name in missing]
+    problems = wrong_arguments(kind, arguments, inspect.signature(make).parameters)
     if "path" in arguments:
         arguments["path"] = folder / str(arguments["path"])
     if not problems:
@@ -73,26 +67,29 @@ def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
     raise InputError([f"[boundary] {problem}" for problem in problems])
 
 
-def require_room(file: StudyFile) -> None:
-    """Refuse a study of more scenarios than this machine can hold the metrics of, before any value is made.
+def wrong_arguments(what: str, given: Mapping[str, Any], takes: Mapping[str, inspect.Parameter]) -> list[str]:
+    """A sentence for each key of a table that its function does not take, and for each that it needs."""
+    unknown = with_hints((name for name in given if name not in takes), takes)
+    missing = [name for name, p in takes.items() if p.default is p.empty and name not in given]
+    problems = [f"{name} is not an argument of {what}{hint}; it takes {', '.join(takes)}" for name, hint in unknown]
+    return problems + [f"{name} is missing: {what} needs it" for name in missing]
 
-    Tables that are wrong in another way count as 1; their readers refuse them.
-    """
+
+def require_room(file: StudyFile, loop: Loop) -> None:
+    """Refuse more scenarios than this machine can hold the metrics of, before their days are made."""
     days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
-    sizes = [*map(axis_size, file.sweep.values()), *map(len, file.cases.values()), len(days), file.run.replicates]
-    sizes += [design_size(file.sample)] if file.sample else []
-    n_scenarios = math.prod(min(max(1, size), _MOST_OF_ANY) for size in sizes)
+    replicates = min(max(1, file.run.replicates), 2**32)  # others are refused later
+    n_scenarios = math.prod(loop.sizes.values()) * max(1, len(days)) * replicates
     check_memory(n_scenarios * _BYTES_PER_SCENARIO, n_scenarios)
 
 
-def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
+def billing_of(table: Mapping[str, Any], layout: Layout | None) -> Billing:
     """The prices, and the label with which costs are compared.
 
     layout: of the study, None where it could not be planned; the label is then not checked.
     """
-    tariff = tariff_of(table.model_dump(exclude={"baseline"}))
-    baseline = dict(table.baseline)
-    if len(baseline) > 1:
+    tariff, baseline = tariff_of(table), table.get("baseline", {})
+    if not isinstance(baseline, dict) or len(baseline) > 1:
         raise InputError(f"baseline = {shown(baseline)}: give one dimension and one of its labels")
     problems: list[str] = []
     if layout is not None:
@@ -105,29 +102,26 @@ def billing_of(table: TariffTable, layout: Layout | None) -> Billing:
                 known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
                 problems.append(f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}")
             elif label not in (labels := layout.coordinates()[dim].values.tolist()):
-                known = listed([str(each) for each in labels])
-                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {known}")
+                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {listed(labels)}")
     refuse(problems)
     return Billing(tariff, baseline)
 
 
-def asked_of_tuning(table: TuneTable, run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
+def asked_of_tuning(table: Mapping[str, Any], run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
     """The tuning of the valves and days of a study; ``holdout`` is labels of days, or a table like ``[boundary]``."""
     if run.carry_over:
         raise InputError("every day is tried alone: leave [run] carry_over out, or tune in a study of its own")
-    holdout: object = table.holdout
+    holdout = table.get("holdout")
     if isinstance(holdout, dict):
         try:
             holdout = build_boundary(holdout, folder)
         except InputError as error:
             raise InputError([f"holdout: {p.removeprefix('[boundary] ')}" for p in error.problems]) from None
-    elif holdout is not None and not isinstance(holdout, list):
-        raise InputError(
-            f"holdout = {shown(holdout)}: give days as in [boundary], such as {{ seed = [2, 3] }}, or labels of some "
-            "days of it, such as [4, 5]"
-        )
-    options = table.model_dump(exclude={"holdout"}) | run.model_dump(include={"warm_up", "seed", "replicates"})
-    return plan_tuning(loop, boundary, holdout=holdout, **options)
+    how = run.model_dump(include={"warm_up", "seed", "replicates"})
+    keywords = inspect.signature(plan_tuning).parameters.items()
+    takes = {name: p for name, p in keywords if p.kind is p.KEYWORD_ONLY and name not in how}
+    refuse(wrong_arguments("tune", table, takes))
+    return plan_tuning(loop, boundary, **{**table, "holdout": holdout}, **how)
 
 
 LARGEST_FILE = 2**20  # bytes; no study written by hand is larger
@@ -158,11 +152,6 @@ class Study:
     predict: bool = False
     tuning: Asked | None = None
     billing: Billing | None = None
-
-    @property
-    def kept_traces(self) -> tuple[str, ...]:
-        """Names of the traces that results keep: none if they are reduced."""
-        return () if self.reduction else self.plan.traces.names
 
     @property
     def model_sha256(self) -> str:
@@ -208,7 +197,6 @@ def _study(
     file, problems = parse_tables(tables)
     run = file.run
     try:
-        require_room(file)
         file, sources, rules = find_rules(file, folder)
         if prepare is not None:
             for rule in rules.values():
@@ -223,6 +211,8 @@ def _study(
 
     included = attempt(read_includes, file.loop, folder, prefix="[loop] ") or {}
     loop = attempt(build_loop, file, included, rules)
+    if loop is not None:
+        require_room(file, loop)
     boundary = attempt(build_boundary, file.boundary, folder)
     plan = tuning = billing = reduction = None
     if loop is not None and boundary is not None:

@@ -10,12 +10,10 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastcoil.base.arguments import collecting, refuse
+from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.design.tuning_plan import EVALUATIONS, OBJECTIVE, QUANTILE
 from fastcoil.model.metric_table import TRACES, WARM_UP
-from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter, check_name
-from fastcoil.study.analysis.cost import COP, CURRENCY, PRICES
+from fastcoil.model.parameter_table import LARGEST, PARAMETERS, Parameter
 
 _DEEPEST = 20  # tables and lists inside each other: a study needs five
 LONGEST_KEY = 200  # characters; keys are labels of axes too
@@ -55,10 +53,8 @@ def _unusable(value: Any, place: str = "", depth: int = 0) -> Iterator[str]:
             yield from _unusable(one, place, depth + 1)
     elif isinstance(value, dict):
         for key, one in value.items():
-            if len(key) > LONGEST_KEY:
-                yield f"{place}{shown(key)} is a key of {len(key):,} characters: give at most {LONGEST_KEY}"
-            elif "\0" in key:
-                yield f"{place}{shown(key)} holds the character NUL: delete it"
+            if len(key) > LONGEST_KEY or "\0" in key:
+                yield f"{place}{shown(key)}: give a key of at most {LONGEST_KEY} characters, without NUL"
             else:
                 yield from _unusable(one, f"{place}.{key}" if place else key, depth + 1)
     elif isinstance(value, str) and "\0" in value:
@@ -73,12 +69,8 @@ _MOST_HINTS = 20  # unknown names for which a similar one is suggested: it takes
 _MOST_TRACES = 2 * len(TRACES)
 
 
-def _price(name: str) -> Any:
-    return Field(..., examples=[PRICES[name][1]])
-
-
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class RunTable(_Strict):
@@ -94,29 +86,6 @@ class RunTable(_Strict):
     predict: bool = False
 
 
-class TuneTable(_Strict):
-    """What `fastcoil tune` chooses for all valves and days."""
-
-    search: dict[str, Any] = Field(..., examples=["{ kp = [0.005, 0.1], ti = [5, 600] }"])
-    objective: str = OBJECTIVE
-    quantile: float | str = QUANTILE
-    limits: dict[str, Any] = {}
-    holdout: Any = None
-    evaluations: int = EVALUATIONS
-
-
-class TariffTable(_Strict):
-    """Prices: the summary of a run then says what backlash costs a year."""
-
-    electricity: float = _price("electricity")
-    demand: float = _price("demand")
-    heat: float = _price("heat")
-    cop: float = COP
-    electric_heat: bool = False
-    currency: str = CURRENCY
-    baseline: dict[str, float | str] = {}
-
-
 class StudyFile(_Strict):
     """Which loops are simulated on which days."""
 
@@ -128,12 +97,8 @@ class StudyFile(_Strict):
     sample: dict[str, Any] | None = None
     boundary: dict[str, Any] = {}
     run: RunTable = RunTable()
-    tune: TuneTable | None = None
-    tariff: TariffTable | None = None
-
-
-_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "tune": TuneTable, "tariff": TariffTable}
-"""Those whose keys are known, by the name of the table; without a name: the file."""
+    tune: dict[str, Any] | None = None
+    tariff: dict[str, Any] | None = None
 
 
 def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
@@ -162,11 +127,8 @@ def known_parameters(
     table: Mapping[str, Value], problems: list[str], prefix: str = "", known: Mapping[str, Parameter] = PARAMETERS
 ) -> dict[str, Value]:
     """The entries of a table whose names are parameters; ``problems`` gets a sentence for each of the others."""
-    unknown = [name for name in table if name not in known]
-    for name in unknown[:_MOST_HINTS]:
-        with collecting(problems, prefix):
-            check_name(name, known)
-    problems += [f"{prefix}{name} is not a parameter (see `fastcoil parameters`)" for name in unknown[_MOST_HINTS:]]
+    unknown = with_hints((name for name in table if name not in known), known)
+    problems += [f"{prefix}{name} is not a parameter{hint} (see `fastcoil parameters`)" for name, hint in unknown]
     return {name: value for name, value in table.items() if name in known}
 
 
@@ -184,8 +146,6 @@ def are_numbers(values: object, count: int) -> bool:
 
 _CURES = {
     "int": "give a whole number",
-    "float": "give a number",
-    "finite": "give a finite number",
     "string": "give a text in quotes",
     "bool": "give true or false",
     "too_long": f"give at most {_MOST_TRACES}, each once",
@@ -200,22 +160,16 @@ def _sentences(error: ValidationError) -> Iterator[str]:
     """A sentence for each mistake in the shape of the file: place, value, cure."""
     details = error.errors()
     unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
-    for table, model in _MODELS.items():
-        of_table = [str(key) for *parents, key in unknown if "".join(map(str, parents)) == table]
+    for prefix, model in (("", StudyFile), ("[run] ", RunTable)):
+        of_table = [str(key) for *parents, key in unknown if bool(parents) == bool(prefix)]
         for name, hint in with_hints(of_table, model.model_fields):
-            prefix = f"[{table}] " if table else ""
             yield f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
     for detail in details:
         table, *keys = map(str, detail["loc"])
         kind = detail["type"]
         where = f"[{table}] {'.'.join(keys)}" if keys else table
-        if kind == "missing" and keys:
-            example = (_MODELS[table].model_fields[keys[-1]].examples or ["…"])[0]
-            yield f"{where} is missing: give it, such as {keys[-1]} = {example}"
-        elif kind == "missing":
+        if kind == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
-        elif keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have
-            yield f"[{table}] {'.'.join(keys[:-1])} = {shown(detail['input'])}: give a number, or a text in quotes"
         elif kind != "extra_forbidden":
             cure = next(cure for start, cure in _CURES.items() if kind.startswith(start))
             yield f"{where} = {shown(detail['input'])}: {cure}"

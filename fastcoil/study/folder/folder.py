@@ -77,16 +77,7 @@ class StudyFolder:
 
     @property
     def has_results(self) -> bool:
-        """Whether there is a file of results."""
         return exists(self.results)
-
-    @contextmanager
-    def hold(self) -> Iterator[None]:
-        """Hold the folder for one writer, of results or of figures; see ``hold``."""
-        with hold(self.path):
-            if is_folder(self.path / FIGURES):
-                remove_unfinished(self.path / FIGURES)
-            yield
 
     def require_manifest(self) -> Manifest:
         """The manifest of the run; ``InputError`` if the folder holds no study, ``IntegrityError`` if it is lost."""
@@ -157,7 +148,6 @@ class StudyFolder:
         return study
 
     def open_results(self) -> xr.Dataset:
-        """Open the results, see ``open_final``."""
         return open_final(self.path, Manifest.read(self.path))
 
     def settled(self, read: Callable[[], Read]) -> Read:
@@ -174,7 +164,6 @@ class StudyFolder:
         return read()
 
     def trace_files(self) -> list[Path]:
-        """All files of traces, whether they are of these results or not."""
         return [path for path in entries(self.path) if path.match(TRACE_FILES)]
 
     def remove_superseded(self, ds: xr.Dataset, manifest: Manifest) -> None:
@@ -212,7 +201,8 @@ def hold(folder: Path) -> Iterator[None]:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = f"process {os.getpid()} on {platform.node()} since {now}"
         commit(folder / _HOLDER, text.encode(errors="replace"))
-        remove_unfinished(folder)
+        for place in filter(is_folder, (folder, folder / FIGURES)):
+            remove_unfinished(place)
         yield
     except LockedError:
         made = []  # it is the other's too

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -31,17 +31,9 @@ from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TR
 from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules import KINDS, refuse_other_code
 from fastcoil.study.file.spec import Study
+from fastcoil.study.folder import stored
 from fastcoil.study.folder.folder import StudyFolder, require_no_archive
-from fastcoil.study.folder.stored import (
-    MANIFEST,
-    RESULTS,
-    Manifest,
-    Shards,
-    add_traces,
-    find_problems,
-    finished_manifest,
-    publish,
-)
+from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, Shards, find_problems
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
 _AT_ONCE = 10_000
@@ -115,10 +107,8 @@ def open_results(path: Path) -> xr.Dataset:
     try:
         ds = try_reading(path, _CURE).load()
         check_result(ds)
-    except IntegrityError:
-        raise InputError(f"{path} is no NetCDF file, or it is damaged: {_CURE}") from None
-    except InputError:
-        raise InputError(f"{path} holds no result of fastcoil: {_CURE}") from None
+    except (IntegrityError, InputError):
+        raise InputError(f"{path} holds no result of fastcoil, or it is damaged: {_CURE}") from None
     return ds
 
 
@@ -157,17 +147,11 @@ def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
 # --- matched ----------------------------------------------------------------------------------------------------------
 
 
-class Match(NamedTuple):
-    """Flat indices, equally many, of the scenarios that were run: in the earlier result and in the study."""
-
-    old: np.ndarray
-    new: np.ndarray
-
-
-def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> Match:
+def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Match the scenarios of an earlier result with those of a plan, by everything their outcome depends on.
 
-    attrs: those that the results of the plan will have.
+    attrs: those that the results of the plan will have.  Returns flat indices, equally many, of the scenarios that were
+    run: in the earlier result and in the study.
     """
     differs = [words for name, words in _MUST_AGREE.items() if str(attrs.get(name)) != str(earlier.attrs.get(name))]
     if not same_model(str(attrs.get("model_sha256")), str(earlier.attrs.get("model_sha256"))):
@@ -203,7 +187,7 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> M
             f"all values and add to them ({days or hypercube}), or choose another folder with -o"
         )
     run = np.flatnonzero(earlier["status"].values.ravel() != STATUS_NOT_RUN)
-    return Match(run, place[run])
+    return run, place[run]
 
 
 def _rules(attrs: dict[Any, Any]) -> dict[str, str]:
@@ -230,13 +214,14 @@ def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, s
 class Computed:
     """What a folder has of a study.
 
-    earlier: the results of a smaller version, of which the scenarios ``match`` are in the study too; ``None`` without.
+    earlier: the results of a smaller version, ``None`` without.  old, new: see ``match_scenarios``.
     """
 
     study: Study
     shards: Shards
     earlier: xr.Dataset | None
-    match: Match
+    old: np.ndarray
+    new: np.ndarray
 
     @classmethod
     def find(cls, folder: StudyFolder, study: Study, manifest: Manifest) -> Computed:
@@ -244,22 +229,22 @@ class Computed:
 
         ``InputError`` if the study is no extension of the results.  ``IntegrityError`` if they are damaged.
         """
-        shards, nothing = Shards(folder.path, manifest.key), Match(*np.empty((2, 0), dtype=np.int64))
+        shards = Shards(folder.path, manifest.key)
         results = folder.open_results() if folder.has_results else None
         if results is None or not same_model(str(results.attrs.get("model_sha256")), manifest.model_sha256):
-            return cls(study, shards, None, nothing)
+            return cls(study, shards, None, *np.empty((2, 0), dtype=np.int64))
         match = match_scenarios(study.plan, study_attributes(study, manifest), results)
         # damaged traces must not be written again with a hash of their own
         problems = find_problems(results, folder.path, manifest)
         if problems:
             raise IntegrityError("\n".join(problems))
-        return cls(study, shards, results, match)
+        return cls(study, shards, results if match[1].size else None, *match)
 
     def survey(self) -> tuple[np.ndarray, list[dict[str, str]]]:
         """Flat indices of the missing scenarios, and where the others were computed; damaged shards are set aside."""
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
-        done[self.match.new] = True
-        environments = environments_of(self.earlier) if self.earlier is not None and self.match.new.size else []
+        done[self.new] = True
+        environments = [] if self.earlier is None else environments_of(self.earlier)
         for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
             done[part["scenario"].values] = True
             environments += [each for each in environments_of(part) if each not in environments]
@@ -271,7 +256,7 @@ class Computed:
         Each scenario once: after a merge that was killed before it removed the shards, it is in both.
         """
         parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
-        if self.earlier is not None and self.match.new.size:
+        if self.earlier is not None:
             parts = chain([self._earlier_part(self.earlier, leave_out)], parts)
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
@@ -282,11 +267,11 @@ class Computed:
     def _earlier_part(self, earlier: xr.Dataset, leave_out: Collection[str]) -> xr.Dataset:
         """The matched scenarios as a flat part; predictions are computed again for the whole study."""
         dims = earlier["status"].dims
-        part = xr.Dataset(coords={"scenario": self.match.new})
+        part = xr.Dataset(coords={"scenario": self.new})
         for name, variable in earlier.data_vars.items():
             if name not in leave_out and name not in PREDICTIONS:
                 values = variable.values.reshape(-1, *variable.shape[len(dims) :])
-                part[name] = (("scenario", *variable.dims[len(dims) :]), values[self.match.old], variable.attrs)
+                part[name] = (("scenario", *variable.dims[len(dims) :]), values[self.old], variable.attrs)
         part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
         n_volumes = self.study.plan.n_volumes  # the earlier result may have had only smaller coils
         if "volume" in part.dims and part.sizes["volume"] < n_volumes:
@@ -297,13 +282,7 @@ class Computed:
 # --- merged -----------------------------------------------------------------------------------------------------------
 
 
-def merge(
-    folder: StudyFolder,
-    study: Study,
-    manifest: Manifest,
-    parts: Parts,
-    attrs: dict[str, Any],
-) -> xr.Dataset:
+def merge(folder: StudyFolder, study: Study, manifest: Manifest, parts: Parts, attrs: dict[str, Any]) -> xr.Dataset:
     """Write all parts as one labelled result, its traces in a file of their own, and remove the shards.
 
     folder, study, manifest: where, what, and the run to which the parts belong.  parts: reads the parts.  attrs:
@@ -331,15 +310,15 @@ def merge(
     ds = ds.assign(predicted.data_vars)
     ds.attrs = study_attributes(study, manifest) | predicted.attrs | attrs
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
-    if study.kept_traces:
+    if plan.traces.names and not study.reduction:
         file = folder.path / f"traces-{manifest.key[:8]}.nc"
         manifest, traces = _merge_traces(file, study, counted, ds.attrs, manifest)
         ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
     ds.attrs["content_sha256"] = combined_sha256(ds)
-    manifest = publish(folder.results, lambda unfinished: write(ds, unfinished, mode="w"), manifest)
-    result = add_traces(ds, folder.path, manifest)
+    manifest = stored.publish(folder.results, lambda unfinished: write(ds, unfinished, mode="w"), manifest)
+    result = stored.add_traces(ds, folder.path, manifest)
     folder.remove_superseded(result, manifest)
-    finished_manifest(result, folder.path, manifest).write(folder.path)
+    stored.finished_manifest(result, folder.path, manifest).write(folder.path)
     return result
 
 
@@ -380,7 +359,7 @@ def _merge_traces(
     coordinates: dict[Any, xr.DataArray] = {}
 
     def write_all(unfinished: Path) -> None:
-        for k, name in enumerate(study.kept_traces):
+        for k, name in enumerate(plan.traces.names):
             others = {*METRICS, *TRACES} - {name}
             ds = unflatten(join_flat(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
             hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
@@ -389,7 +368,7 @@ def _merge_traces(
             ds.attrs = attrs
             write(ds, unfinished, mode="a" if k else "w")
 
-    recorded = publish(path, write_all, manifest)
+    recorded = stored.publish(path, write_all, manifest)
     described = {"trace_sha256": json.dumps(hashes), "trace_layout": json.dumps(layout)}
     return recorded, xr.Dataset(coords=coordinates, attrs={"trace_file": path.name, **described})
 
@@ -468,11 +447,11 @@ def problems_of_results(store: StudyFolder, manifest: Manifest) -> Iterator[str]
 
 def _problems_of_shards(shards: Shards) -> Iterator[str]:
     first = None
-    for shard in shards.inspect():
-        if shard.part is None:
-            yield f"{shard.path} {shard.problem}"
+    for path, part, problem in shards.inspect():
+        if part is None:
+            yield f"{path} {problem}"
             continue
         try:
-            first = check_same_form(first, shard.part)
+            first = check_same_form(first, part)
         except FastcoilError as error:
-            yield f"{shard.path}: {error}"
+            yield f"{path}: {error}"

@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import xarray as xr
 from pydantic import TypeAdapter, ValidationError
@@ -129,12 +129,10 @@ class Manifest:
 
     @property
     def text(self) -> str:
-        """The content of ``run.json``."""
         content = asdict(self)
         return json.dumps({**content, "format": _FOLDER_FORMAT, _CHECKSUM: checksum(content)}, indent=1) + "\n"
 
     def write(self, folder: Path) -> None:
-        """Write ``run.json``."""
         commit(folder / MANIFEST, self.text.encode())
 
 
@@ -144,14 +142,6 @@ def checksum(content: Mapping[str, Any]) -> str:
 
 
 # --- shards -----------------------------------------------------------------------------------------------------------
-
-
-class Inspection(NamedTuple):
-    """A file among the shards: its content, or what is wrong with it."""
-
-    path: Path
-    part: xr.Dataset | None
-    problem: str = ""
 
 
 @dataclass(frozen=True)
@@ -177,7 +167,6 @@ class Shards:
         commit(self.path / name, data)
 
     def any(self) -> bool:
-        """Whether there is a file among them."""
         return bool(entries(self.path))
 
     def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
@@ -191,26 +180,24 @@ class Shards:
         for path, part, problem in self.inspect(leave_out):
             if part is not None:
                 yield part
-            elif quarantine:
+                continue
+            if quarantine:
                 self._quarantine(path)
-                warnings.warn(
-                    f"{path} {problem}: moved to {QUARANTINE}/, its scenarios are computed again", stacklevel=2
-                )
-            else:
-                warnings.warn(f"{path} {problem}: its scenarios would be computed again", stacklevel=2)
+            done = f"moved to {QUARANTINE}/, its scenarios are" if quarantine else "its scenarios would be"
+            warnings.warn(f"{path} {problem}: {done} computed again", stacklevel=2)
 
-    def inspect(self, leave_out: Collection[str] = ()) -> Iterator[Inspection]:
-        """Check every file among the shards; the variables ``leave_out`` are not decoded."""
+    def inspect(self, leave_out: Collection[str] = ()) -> Iterator[tuple[Path, xr.Dataset | None, str]]:
+        """Every file among the shards: its content without the variables ``leave_out``, or what is wrong with it."""
         for path in entries(self.path):
             if is_unfinished(path):
                 continue
             try:
-                inspection = self._inspect(path, leave_out)
+                found = self._inspect(path, leave_out)
             except StorageError:
                 if exists(path):
                     raise
                 continue  # the run in progress here has finished meanwhile
-            yield inspection
+            yield path, *found
 
     def discard(self) -> None:
         """Remove the shards; a foreign file among them is moved to quarantine."""
@@ -222,22 +209,22 @@ class Shards:
                 path.unlink() if SHARD_NAME.fullmatch(path.name) else self._quarantine(path)
             self.path.rmdir()
 
-    def _inspect(self, path: Path, leave_out: Collection[str]) -> Inspection:
+    def _inspect(self, path: Path, leave_out: Collection[str]) -> tuple[xr.Dataset | None, str]:
         named = SHARD_NAME.fullmatch(path.name)
         with storage_errors(path, "read"):
             if not named or (path.exists() and not path.is_file()):
-                return Inspection(path, None, "is no shard")
+                return None, "is no shard"
             data = path.read_bytes()
         # before anything else: the HDF5 library may crash on damaged bytes
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
-            return Inspection(path, None, "is damaged (its hash differs)")
+            return None, "is damaged (its hash differs)"
         try:
             part = load(data, leave_out)
         except (OSError, RuntimeError) as error:  # these are the bytes that were written
             raise out_of_memory(f"{path} is sound, and cannot be read ({error})") from error
         if part.attrs.get("study") != self.key:
-            return Inspection(path, None, "belongs to another study or another version of the model")
-        return Inspection(path, part)
+            return None, "belongs to another study or another version of the model"
+        return part, ""
 
     def _quarantine(self, path: Path) -> None:
         place = self.folder / QUARANTINE
@@ -346,7 +333,7 @@ def find_variable_problems(ds: xr.Dataset, path: Path) -> list[str]:
 def find_problems(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[str]:
     """What is wrong with the results ``ds`` and their traces, a sentence each; hashes and reads all of them."""
     problems = []
-    for file in filter(None, (_stored(folder / RESULTS, manifest), trace_file(ds, folder, manifest))):
+    for file in _files(ds, folder, manifest):
         try:
             file.check(afresh=True)
         except IntegrityError as error:
@@ -356,10 +343,14 @@ def find_problems(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[str]
 
 def finished_manifest(ds: xr.Dataset, folder: Path, manifest: Manifest) -> Manifest:
     """The manifest of a study whose complete results are ``ds``, with the hashes of their files."""
-    files = [_stored(folder / RESULTS, manifest), trace_file(ds, folder, manifest)]
-    outputs = {file.path.name: [file.check()] for file in files if file is not None}
+    outputs = {file.path.name: [file.check()] for file in _files(ds, folder, manifest)}
     own_code = json.loads(ds.attrs.get("own_code", "{}"))
     return replace(manifest, outputs=outputs, computed_on=environments_of(ds), finished=True, own_code=own_code)
+
+
+def _files(ds: xr.Dataset, folder: Path, manifest: Manifest) -> list[StoredFile]:
+    traces = trace_file(ds, folder, manifest)
+    return [_stored(folder / RESULTS, manifest), *([traces] if traces else [])]
 
 
 def _stored(path: Path, manifest: Manifest | None) -> StoredFile:

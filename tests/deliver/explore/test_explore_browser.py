@@ -89,7 +89,7 @@ def test_a_story_the_reset_and_links_right_and_wrong(program, page):
     page.get(program[1] + "?loop=paper_like&backlash=300&ti=40")
     settled(page)
     said = text_of(page, "problems")
-    assert said == "backlash = '300': give a number from 0 to 0.15.  The rest of the link is shown."
+    assert said == "'backlash = 300': no setting of this page, or beyond its bounds; the rest of the link is shown."
     assert text_of(page, "headline").startswith("This loop will not hunt")
 
 

@@ -123,7 +123,6 @@ def test_a_file_name_becomes_part_of_names(tmp_path):
         ({}, "valve.py", "c", "NAME.c in a folder that exists"),
         ({}, "a\nT_sup,T_set\n1.c", "c", "a name of letters"),
         ({}, "a\x1b[2J.py", "python", "a name of letters"),
-        ({}, "Math.py", "python", "it would hide Python's module Math"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, values, path, language, words):

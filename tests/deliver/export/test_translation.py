@@ -10,7 +10,7 @@ from helpers.exported import FLAGS
 from helpers.structured_text import Project
 
 from fastcoil.deliver.export.languages import InC, InST
-from fastcoil.deliver.export.source import Laws
+from fastcoil.deliver.export.printer import Laws
 
 EXPRESSIONS = [
     "a - (b - c)", "a - b - c", "a / (b * c)", "a / b / c", "a * (b + c) - c", "-(a + b) * c", "-a * b", "(a - b) * -c",

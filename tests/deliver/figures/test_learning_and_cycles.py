@@ -89,7 +89,6 @@ def test_a_loop_that_failed_has_no_plane(swinging):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda ds, p: fc.plot.limit_cycle(ds.isel(elapsed_time=[])), "data has no point along elapsed_time"),
         (
             lambda ds, p: fc.plot.limit_cycle(ds.drop_vars("command")),
             "data lacks the traces command and opening: simulate with ",

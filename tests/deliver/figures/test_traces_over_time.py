@@ -111,7 +111,7 @@ draw = fc.plot.traces
          "is in 'min': give it in s"),
         (lambda ds: fc.plot.learning(ds.assign(estimate=ds.estimate.assign_attrs(units="%"))), "ds.estimate is in '%': "
          "give it in 1"),
-        (lambda ds: draw(ds[{"backlash": 0}], ax=Figure().subplots()), "ax has 1 axes: give 2 matplotlib axes, "
+        (lambda ds: draw(ds[{"backlash": 0}], ax=Figure().subplots()), "ax is a Axes: give 2 matplotlib axes, "
          "one for each panel, or leave it out"),
         (lambda ds: draw(ds[{"backlash": 0}], ax="left"), "ax is a str: give 2 matplotlib axes, one for each "
          "panel, or leave it out"),

@@ -122,7 +122,7 @@ def test_a_baseline_that_is_there_twice_gets_a_sentence():
         ({"baseline": {"kp": 0}, "over": "kp"}, "choose one or the other"),
         ({"baseline": {"kp": 0}, "over": "day", "metrics": ["rmsee"]}, "did you mean 'rmse'"),
         ({"baseline": {"kp": 0}, "over": []}, "over is empty"),
-        ({"baseline": {"kp": [0]}, "over": "day"}, "kp = [0] is not a single label; give one, such as 0"),
+        ({"baseline": {"kp": [0]}, "over": "day"}, "kp has no label [0]; choose one of 0"),
         ({"baseline": {"kp": True}, "over": "day"}, "no label True"),
         ({"baseline": "kp", "over": "day"}, "baseline = 'kp': must be a dict"),
         ({"baseline": {"kp": 0}, "over": ["day", "day"]}, "over: 'day' is given more than once"),

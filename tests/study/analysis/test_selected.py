@@ -71,12 +71,10 @@ def test_an_unknown_label_is_refused_with_those_that_there_are(ds, choose, at, s
     assert problem.startswith(sentence)
 
 
-def test_of_many_labels_the_nearest_are_listed_and_drawn_ones_have_another_way():
+def test_of_many_labels_the_nearest_are_listed():
     ds = result(("backlash", "day"), {"backlash": np.linspace(0.0, 1.0, 101).round(2)}, rmse=np.ones((101, 1)))
     with pytest.raises(InputError, match="choose one of 0.49, 0.5, .*0.6$"):
         selected(ds, {"backlash": ["0.545"]})
-    with pytest.raises(InputError, match="kp has a value of its own at each sample, none to choose from: take --at sa"):
-        selected(drawn(50), {"kp": ["0.02"]})
     one = drawn(50)
     other = int(np.flatnonzero(one.sample_time.values != 10.0)[0])
     with pytest.raises(InputError, match="no scenario has all of these labels together"):
@@ -178,18 +176,9 @@ def test_traces_and_coordinates_of_the_samples_stay_behind():
     assert found.day.values.tolist() == [0, 1]
 
 
-@pytest.mark.parametrize(
-    ("n", "names", "sentence"),
-    [
-        (80, ["kpp"], "kpp is no drawn parameter, did you mean 'kp'?: drawn are kp, ti, sample_time"),
-        (80, ["day"], "day is no drawn parameter: drawn are"),
-        (9, ["kp", "ti"], "kp and ti: 9 drawn scenarios are too few to group"),
-    ],
-)
-def test_what_cannot_be_grouped_is_refused(n, names, sentence):
-    ds = drawn(500).isel(sample=slice(n))
-    (problem,) = problems(binned, ds, names)
-    assert problem.startswith(sentence)
+def test_too_few_to_group_are_refused():
+    (problem,) = problems(binned, drawn(500).isel(sample=slice(9)), ["kp", "ti"])
+    assert problem.startswith("kp and ti: 9 drawn scenarios are too few to group")
 
 
 def test_only_numbers_that_differ_along_other_dims_are_drawn():

@@ -161,7 +161,7 @@ def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
     for name, sentence in (
         ("ahu", "-o ahu.toml: this file exists and is no fit"),
         ("mine", "mine.png exists and would be replaced"),
-        ("folder", "folder.png, the name of its figure, is a folder: choose another name"),
+        ("folder", "folder.png exists and would be replaced"),
     ):
         found = fastcoil("fit", "valve", "valve.csv", "-o", f"{name}.toml")
         assert found.exit_code == 2, found.output

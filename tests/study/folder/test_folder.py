@@ -15,7 +15,7 @@ from fastcoil.cli.main import main
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.folder import StudyFolder, find_holder
+from fastcoil.study.folder.folder import find_holder, hold
 
 pytestmark = pytest.mark.kernel
 
@@ -145,7 +145,7 @@ def test_half_written_reruns_are_removed_and_a_rerun_waits_for_no_run(out):
     half = out / "reruns" / ".backlash.nc.123.tmp"
     half.parent.mkdir()
     half.write_bytes(b"half")
-    with StudyFolder(out).hold():
+    with hold(out):
         path, _ = maintenance.rerun(out, AT)
     assert [p.name for p in half.parent.glob("[!.]*")] == [path.name]
     assert not half.exists()
