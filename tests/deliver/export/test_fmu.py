@@ -1,10 +1,12 @@
 """The exported FMU, driven by FMPy: valid, the kernel's numbers, its clock inside communication steps, its refusals."""
 
 import re
+import runpy
 import shutil
 import subprocess
 import warnings
 import zipfile
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -24,6 +26,7 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
+ROOT = Path(__file__).parents[3]
 SAMPLE_TIME = 15.0
 PLAIN = {"backlash_estimate": 0.05, "sample_time": SAMPLE_TIME}
 
@@ -247,3 +250,11 @@ def test_the_command_finds_the_form_by_the_suffix_and_refuses_in_a_sentence(tmp_
         assert done.exit_code == 2
         assert re.search(said, done.output)
     assert not [*tmp_path.glob("own.fmu"), *tmp_path.glob("x*")]
+
+
+def test_the_example_of_the_gallery_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    plain, inverse = runpy.run_path(str(ROOT / "docs" / "gallery" / "16_fmu.py"))["rms"].values()
+    assert inverse < 0.1 * plain
+    assert "rms with the plain PI" in capsys.readouterr().out
