@@ -47,6 +47,7 @@ _HOME = {
     "simulate": "loops.simulate",
     "sobol_indices": "study.analysis.sobol",
     "survey": "deliver.report.survey",
+    "to_control": "design.to_control",
     "tune": "design.tune",
     "weather_day": "loops.boundary.weather",
     "weather_year": "loops.boundary.weather",

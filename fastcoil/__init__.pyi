@@ -14,6 +14,7 @@ from fastcoil.design.explain import explain as explain
 from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
 from fastcoil.design.limit_cycle import nyquist as nyquist
 from fastcoil.design.linearise import linearise as linearise
+from fastcoil.design.to_control import to_control as to_control
 from fastcoil.design.tune import tune as tune
 from fastcoil.loops.boundary import Boundary as Boundary
 from fastcoil.loops.boundary.days import constant_day as constant_day

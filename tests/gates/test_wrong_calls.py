@@ -137,6 +137,7 @@ def base_calls(tmp_path_factory):
     traced = fc.simulate(fc.Loop(backlash=[0.02, 0.07], learning_step=0.01), day, warm_up=60, traces=seen)
     worn, panels = fc.Loop(backlash=[0.02, 0.07]), Figure().subplots(4)
     predicted = fc.limit_cycle(worn, day, at=10)
+    stated = fc.linearise(loop, day, at=10, state_space=True)
     swings = fc.simulate(worn, day, warm_up=60, traces=seen)
     return {
         "Boundary": (fc.Boundary, series),
@@ -172,6 +173,7 @@ def base_calls(tmp_path_factory):
         "law": (fc.law, rule),
         "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),
         "linearise": (fc.linearise, {"loop": loop, "boundary": day, "at": [10, 20], "frequency": [0.01, 0.1]}),
+        "to_control": (fc.to_control, {"linearised": stated, "loop": loop}),
         "nyquist": (fc.nyquist, {"loop": loop, "boundary": day, "at": 10}),
         "open_study": (fc.open_study, {"folder": out}),
         "parameter": (fc.parameter, {"default": 1.0}),

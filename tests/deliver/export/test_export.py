@@ -119,7 +119,7 @@ def test_a_file_name_becomes_part_of_names(tmp_path):
         ({**LEARNER, "sample_time": 7.0}, "valve.c", "c", "give 595 or 602"),
         ({"estimator": "hagglund"}, "valve.c", "c", "plant_gain"),
         ({"estimator": "identify", "learning_step": 0.01}, "valve.c", "c", "learning_step belongs to"),
-        ({}, "valve.c", "fortran", "choose 'c', 'st' or 'python'"),
+        ({}, "valve.c", "fortran", "choose 'c', 'st', 'python', 'fmu' or 'plcopen'"),
         ({}, "valve.py", "c", "NAME.c in a folder that exists"),
         ({}, "a\nT_sup,T_set\n1.c", "c", "a name of letters"),
         ({}, "a\x1b[2J.py", "python", "a name of letters"),
