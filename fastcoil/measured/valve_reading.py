@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
@@ -86,7 +87,8 @@ class ValveReading(Result):
     def to_toml(self, path: str | Path | None = None) -> str:
         """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
 
-        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
+        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers, its posterior
+        also for ``fit`` in the ``[sample]`` of a study file.
         """
         numbers = {
             name: getattr(self, name) for name in ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
@@ -96,9 +98,14 @@ class ValveReading(Result):
         lines = [f"# backlash fitted to {self.source} by fastcoil valve-test", *(f"# {s}" for s in self.summary()[1:])]
         lines += toml_table("loop", {"backlash": self.backlash} if self.identified else {})
         lines += toml_table("fit", of_fit) + toml_table("fit.interval_95", {"backlash": list(self.interval)})
+        if self.identified:
+            at = np.flatnonzero(self.profile["probability"].values > _NEGLIGIBLE)
+            seen = self.profile.isel(backlash=slice(at[0], at[-1] + 1))
+            lines += toml_table("fit.posterior", {n: seen[n].values.tolist() for n in ("backlash", "probability")})
         return as_toml(lines, path)
 
 
+_NEGLIGIBLE = 1e-6  # probability of a size
 _SIZE = (7.5, 6.4)
 
 

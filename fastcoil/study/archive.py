@@ -27,6 +27,7 @@ from pydantic import TypeAdapter
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists, require_file, storage_errors
 from fastcoil.base.text import printable
+from fastcoil.study.file.sample import files_of
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.results import open_finished, problems_of_folder, problems_of_results
@@ -138,7 +139,7 @@ def _named_files(study: Study) -> Iterator[tuple[str, Path]]:
     tables = study.tables
     series = tables.get("boundary"), tables.get("tune", {}).get("holdout")
     names = [str(table["path"]) for table in series if isinstance(table, dict) and "path" in table]
-    for name in (*names, *tables["loop"].get("include", [])):
+    for name in (*names, *tables["loop"].get("include", []), *files_of(tables.get("sample"))):
         yield name, study.folder / name
     for code in (*study.rules.values(), *([study.reduction] if study.reduction else [])):
         module = code.name.partition(":")[0]

@@ -9,7 +9,7 @@ import hashlib
 import inspect
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,8 +30,9 @@ from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.analysis.cost import TAKEN, tariff_of
 from fastcoil.study.analysis.selected import listed
 from fastcoil.study.analysis.summary import Billing
-from fastcoil.study.file.loop import axis_size, build_loop, design_size, read_includes, warn_of_magnitudes
+from fastcoil.study.file.loop import axis_size, build_loop, read_includes, warn_of_magnitudes
 from fastcoil.study.file.own_code import Source, find_rules, find_source
+from fastcoil.study.file.sample import design_size, digests_of
 from fastcoil.study.file.tables import RunTable, StudyFile, TariffTable, TuneTable, parse_tables, parse_toml, with_hints
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
@@ -141,9 +142,9 @@ class Study:
     """A study that can be run: its text and tables, its question, and the validated plan.
 
     folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names, if any.  included: the
-    parameters from the files in ``[loop] include``.  rules: the code of its own estimators and control laws, by name.
-    predict: whether results get ``PREDICTIONS``.  tuning: what ``[tune]`` asks, if anything.  billing: what
-    ``[tariff]`` asks, if anything.
+    parameters from the files in ``[loop] include``.  measured: hashes of the files that ``[sample]`` names.  rules: the
+    code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.  tuning: what
+    ``[tune]`` asks, if anything.  billing: what ``[tariff]`` asks, if anything.
     """
 
     text: str
@@ -154,6 +155,7 @@ class Study:
     folder: Path
     reduction: Source | None
     included: Mapping[str, Any] = field(default_factory=dict)
+    measured: Sequence[str] = ()
     rules: Mapping[str, Source] = field(default_factory=dict)
     predict: bool = False
     tuning: Asked | None = None
@@ -180,6 +182,7 @@ class Study:
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
         parts += [json.dumps(self.included)] if self.included else []
+        parts += self.measured
         parts += [self.rules[name].sha256 for name in sorted(self.rules)]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
@@ -222,7 +225,7 @@ def _study(
         return None
 
     included = attempt(read_includes, file.loop, folder, prefix="[loop] ") or {}
-    loop = attempt(build_loop, file, included, rules)
+    loop = attempt(build_loop, file, included, rules, folder)
     boundary = attempt(build_boundary, file.boundary, folder)
     plan = tuning = billing = reduction = None
     if loop is not None and boundary is not None:
@@ -245,6 +248,6 @@ def _study(
         raise InputError(problems)
     warn_of_magnitudes(plan.layout.loop)
     return Study(
-        text, tables, file.title or name, file.question, plan, folder, reduction, included, sources, run.predict,
-        tuning, billing,
+        text, tables, file.title or name, file.question, plan, folder, reduction, included,
+        digests_of(file.sample, folder), sources, run.predict, tuning, billing,
     )  # fmt: skip

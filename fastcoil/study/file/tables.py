@@ -172,7 +172,7 @@ def known_parameters(
 
 def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
     """Names of the parameters in ``[sample]``; none if the table is absent."""
-    return [name for name in table or {} if name not in ("method", "size", "seed")]
+    return [name for name in table or {} if name not in ("method", "size", "seed", "correlation")]
 
 
 def are_numbers(values: object, count: int) -> bool:
