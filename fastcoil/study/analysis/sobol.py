@@ -94,7 +94,7 @@ def _require_independence(sample: xr.Dataset, parameters: Sequence[str]) -> None
     for a, b in combinations(numbers, 2):
         ranks = [np.unique(sample[n].values, return_inverse=True)[1] for n in (a, b)]
         with np.errstate(invalid="ignore"):  # one that does not vary
-            rho = float(np.corrcoef(ranks)[0, 1])
+            rho = float(np.asarray(np.corrcoef(ranks))[0, 1])
         if abs(rho) * np.sqrt(sample.sizes["sample"]) > _NO_CHANCE:
             raise InputError(
                 f"{a} and {b} are correlated (rank correlation {rho:.2f}), and Sobol' indices share the spread among "

@@ -81,6 +81,16 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
+class PrecisionTable(_Strict):
+    """How precisely the mean of a metric is asked."""
+
+    metric: str = Field(..., examples=['"rmse"'])
+    half_width: float = Field(..., examples=[0.01])
+    relative: bool = False
+    baseline: dict[str, float | str] = {}
+    most: int | None = None
+
+
 class RunTable(_Strict):
     """How to run, not what."""
 
@@ -92,6 +102,7 @@ class RunTable(_Strict):
     trace_interval: int = 60
     reduce: str | None = None
     predict: bool = False
+    precision: PrecisionTable | None = None
 
 
 class TuneTable(_Strict):
@@ -132,7 +143,9 @@ class StudyFile(_Strict):
     tariff: TariffTable | None = None
 
 
-_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "tune": TuneTable, "tariff": TariffTable}
+_MODELS: dict[str, type[BaseModel]] = {
+    "": StudyFile, "run": RunTable, "run.precision": PrecisionTable, "tune": TuneTable, "tariff": TariffTable,
+}  # fmt: skip
 """Those whose keys are known, by the name of the table; without a name: the file."""
 
 
@@ -201,12 +214,14 @@ def _sentences(error: ValidationError) -> Iterator[str]:
     details = error.errors()
     unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
     for table, model in _MODELS.items():
-        of_table = [str(key) for *parents, key in unknown if "".join(map(str, parents)) == table]
+        of_table = [str(key) for *parents, key in unknown if ".".join(map(str, parents)) == table]
         for name, hint in with_hints(of_table, model.model_fields):
             prefix = f"[{table}] " if table else ""
             yield f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
     for detail in details:
-        table, *keys = map(str, detail["loc"])
+        place = list(map(str, detail["loc"]))
+        depth = 2 if ".".join(place[:2]) in _MODELS else 1
+        table, keys = ".".join(place[:depth]), place[depth:]
         kind = detail["type"]
         where = f"[{table}] {'.'.join(keys)}" if keys else table
         if kind == "missing" and keys:
