@@ -15,7 +15,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import checking, choice_of, collecting, refuse, whole_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.readings import read_numbers
 from fastcoil.logs.series import DIFFERENCE, FRACTION, PRESSURE, TEMPERATURE, TIME, WATER_FLOW, Series
@@ -343,9 +343,8 @@ def _check_correlation(table: Mapping[str, Any]) -> None:
     )
     if not shaped or not all(are_numbers([rho], 1) and {type(a), type(b)} == {str} for a, b, rho in pairs):
         example = 'such as [["kp", "ti", 0.6]]'
-        raise InputError(
-            f"correlation = {shown(pairs)}: give pairs of parameters and their rank correlation, {example}"
-        )
+        said = f"correlation = {shown(pairs)}: give pairs of parameters and their rank correlation, {example}"
+        raise InputError(said if isinstance(pairs, list | tuple) else WrongType(said))
     problems = []
     if table.get("method") == SALTELLI:
         problems.append("correlation: Sobol' indices need independent parameters: leave it out, or take another method")
