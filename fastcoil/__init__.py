@@ -44,6 +44,7 @@ _HOME = {
     "replay": "measured.replay",
     "report": "deliver.report.results",
     "run_study": "study.run",
+    "sample": "study.file.sample",
     "simulate": "loops.simulate",
     "sobol_indices": "study.analysis.sobol",
     "survey": "deliver.report.survey",

@@ -40,6 +40,7 @@ from fastcoil.model.user_rules import parameter as parameter
 from fastcoil.study.analysis.compare import compare as compare
 from fastcoil.study.analysis.cost import cost as cost
 from fastcoil.study.analysis.sobol import sobol_indices as sobol_indices
+from fastcoil.study.file.sample import sample as sample
 from fastcoil.study.folder.results import open_study as open_study
 from fastcoil.study.run import run_study as run_study
 

@@ -26,6 +26,7 @@ from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, Stor
 from fastcoil.base.files import commit_written, exists, require_file, storage_errors
 from fastcoil.base.text import printable
 from fastcoil.loops.netcdf import file_sha256
+from fastcoil.study.file.sample import files_of
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.results import open_finished, problems_of_folder, problems_of_results
@@ -130,7 +131,7 @@ def _named_files(study: Study) -> Iterator[tuple[str, Path]]:
     tables = study.tables
     series = tables.get("boundary"), tables.get("tune", {}).get("holdout")
     names = [str(table["path"]) for table in series if isinstance(table, dict) and "path" in table]
-    for name in (*names, *tables["loop"].get("include", [])):
+    for name in (*names, *tables["loop"].get("include", []), *files_of(tables.get("sample"))):
         yield name, study.folder / name
     for code in (*study.rules.values(), *([study.reduction] if study.reduction else [])):
         module = code.name.partition(":")[0]

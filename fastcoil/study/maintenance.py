@@ -29,6 +29,7 @@ from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS
 from fastcoil.model.numerics.jit import is_model
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import own_code_of, refuse_other_code
+from fastcoil.study.analysis.precision import precision_of
 from fastcoil.study.analysis.selected import listed, selected
 from fastcoil.study.archive import archive_problems
 from fastcoil.study.file.own_code import Source, load
@@ -52,16 +53,18 @@ def status(folder: Path) -> list[str]:
             raise
         return ["Nothing is finished yet.", *running]
     found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
-    n, left = ds["status"].size, found["not_run"]
+    n, left, precision = ds["status"].size, found["not_run"], precision_of(ds)
+    unfinished = left or (precision is not None and not precision.is_enough(ds))
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
     lines = [
         str(ds.attrs["title"]),
-        f"{'Unfinished' if left else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
+        f"{'Unfinished' if unfinished else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
+        *([precision.in_words(ds)] if precision else []),
     ]
     if not is_model(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
     resume = f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
-    return [*lines, *running, *([resume] if left else [])]
+    return [*lines, *running, *([resume] if unfinished else [])]
 
 
 def verify(folder: Path) -> list[str]:

@@ -187,6 +187,7 @@ def base_calls(tmp_path_factory):
         "replay": (fc.replay, {"loop": loop, "log": recorded}),
         "report": (fc.report, {"what": out}),
         "run_study": (fc.run_study, {"path": toml, "out": out}),
+        "sample": (fc.sample, {"size": 4, "kp": {"uniform": [0.01, 0.05]}}),
         "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
         "sobol_indices": (fc.sobol_indices, {"ds": sampled}),
         "survey": (fc.survey, {"logs": {"valve": hunting}, "n_jobs": 1}),

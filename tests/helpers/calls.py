@@ -99,9 +99,9 @@ def _mark_progress(library: ctypes.CDLL) -> None:
 
     execute = runner.execute
 
-    def marked(*words: Any, progress: Callable[[int], Callable[[int], None]] | None = None, **options: Any) -> Any:
-        def start(n: int) -> Callable[[int], None]:
-            advance = progress(n) if progress else None
+    def marked(*words: Any, progress: Callable[..., Callable[[int], None]] | None = None, **options: Any) -> Any:
+        def start(*work: Any) -> Callable[[int], None]:
+            advance = progress(*work) if progress else None
 
             def finished(n: int) -> None:
                 library.mark(str(n).encode())

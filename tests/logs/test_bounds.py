@@ -2,7 +2,6 @@
 
 import time
 
-import numpy as np
 import pytest
 from helpers.refusals import only_problem, problems
 
@@ -74,13 +73,3 @@ def test_a_cell_without_end_is_cut(write):
     for row in (["x" * 100_000, *ROW], [0, "x" * 100_000, *ROW[1:]]):
         path = write(["timestamp" if row[0] else HEADER[0], *HEADER[1:]], [row, row])
         assert max(map(len, problems(fc.Boundary.from_csv, path, **UNIT))) < 500
-
-
-def test_a_year_of_days_that_start_each_day_does_not_fill_the_memory(write):
-    hours = np.arange(1, 8785)
-    path = write(["hour_of_year", "T_drybulb_C", "T_dewpoint_C"], [[h, 20, 10] for h in hours])
-    from fastcoil.loops.boundary.weather import weather_day
-
-    day = {"m_a": 1, "T_w_in": 7, "T_set": 14, "outdoor_fraction": 0.3, "T_return": 24, "RH_return": 0.5}
-    problem = only_problem(weather_day, path, **day, hours=2000, days=list(range(1, 201)), hour=1)
-    assert problem == "days: 200 days of 7,200,000 s each: give 50,000,000 s in all, fewer days or hours"

@@ -73,7 +73,7 @@ def interrupted(path, out, monkeypatch):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        execute(read_study(path), out, n_jobs=1, progress=lambda n: stop)
+        execute(read_study(path), out, n_jobs=1, progress=lambda *_: stop)
 
 
 def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkeypatch):

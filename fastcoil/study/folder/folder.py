@@ -135,7 +135,8 @@ class StudyFolder:
                 f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
                 + "\n".join(error.problems)
             ) from None
-        if study.sha256 != manifest.study_sha256:
+        found = study.of_hash(manifest.study_sha256)
+        if found is None:
             same_boundary = study.plan.layout.boundary.sha256 == manifest.boundary_sha256
             what = (
                 f"{STUDY}, a file that it includes, or its own code"
@@ -145,7 +146,7 @@ class StudyFolder:
             raise IntegrityError(
                 f"{self.path}: {what} changed since the run was started: restore it, or use another folder; {cure}"
             )
-        return study
+        return found
 
     def open_results(self) -> xr.Dataset:
         return open_final(self.path, Manifest.read(self.path))

@@ -309,6 +309,7 @@ def merge(folder: StudyFolder, study: Study, manifest: Manifest, parts: Parts, a
     predicted = predictions(plan) if study.predict else xr.Dataset()
     ds = ds.assign(predicted.data_vars)
     ds.attrs = study_attributes(study, manifest) | predicted.attrs | attrs
+    ds.attrs |= study.precision.attributes(ds) if study.precision else {}
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
     if plan.traces.names and not study.reduction:
         file = folder.path / f"traces-{manifest.key[:8]}.nc"
@@ -340,6 +341,8 @@ def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
         attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
     if study.rules:
         attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
+    if study.precision:
+        attrs["precision"] = study.precision.text
     if manifest.own_code:
         attrs["own_code"] = json.dumps(manifest.own_code)
     return attrs

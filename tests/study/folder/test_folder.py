@@ -73,7 +73,7 @@ def test_a_folder_removed_in_the_middle_of_a_run_ends_it_with_4(out):
         shutil.rmtree(out)
 
     with pytest.raises(StorageError, match="cannot be made: No such file or directory"):
-        runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda _: remove)
+        runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda *_: remove)
     assert not out.exists()
     resume(out)
 
@@ -97,7 +97,7 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
         assert any(f"being run by another run (process {os.getpid()}" in line for line in maintenance.status(out))
         assert maintenance.verify(out) == []
 
-    finished = runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda _: second)
+    finished = runner.execute(write_study(PLAIN, out), out, n_jobs=1, progress=lambda *_: second)
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)
 
 

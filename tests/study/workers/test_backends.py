@@ -112,7 +112,7 @@ def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_
             tmp_path / "out",
             backend="dask",
             scheduler=two_workers.address,
-            progress=lambda _: lambda _: on_scheduler.append(tasks_on(client)),
+            progress=lambda *_: lambda _: on_scheduler.append(tasks_on(client)),
         )
     assert len(on_scheduler) == N_SCENARIOS / 10
     # the job, three in flight, three whose results were fetched together

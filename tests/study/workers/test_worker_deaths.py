@@ -100,7 +100,7 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
             os.kill(alive[0], signal.SIGKILL)
 
     before = children()
-    finished = execute(study, tmp_path / "out", backend="loky", n_jobs=1, progress=lambda _: kill_one)
+    finished = execute(study, tmp_path / "out", backend="loky", n_jobs=1, progress=lambda *_: kill_one)
     assert killed
     assert finished.results.attrs["content_sha256"] == golden
 
