@@ -31,7 +31,7 @@ from xarray.core import indexing
 
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import commit_written, storage_errors
-from fastcoil.base.machine import available_memory, gib
+from fastcoil.base.machine import IS_POSIX, available_memory, gib
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 LARGE = 64
@@ -42,11 +42,12 @@ abandoned: list[netCDF4.Dataset] = []
 collector would try: a reference is kept."""
 
 # a forked child inherits the lock in its current state: no thread may hold it then
-os.register_at_fork(
-    before=NETCDF4_PYTHON_LOCK.acquire,
-    after_in_parent=NETCDF4_PYTHON_LOCK.release,
-    after_in_child=NETCDF4_PYTHON_LOCK.release,
-)
+if IS_POSIX:
+    os.register_at_fork(
+        before=NETCDF4_PYTHON_LOCK.acquire,
+        after_in_parent=NETCDF4_PYTHON_LOCK.release,
+        after_in_child=NETCDF4_PYTHON_LOCK.release,
+    )
 
 
 def close(file: netCDF4.Dataset) -> Any:
@@ -284,7 +285,7 @@ def try_reading(path: Path, cure: str) -> StoredFile:
     identity = StoredFile(path, (), cure).identity()
     if identity not in _passed:
         seconds = int(_SECONDS + identity[2] / _BYTES_PER_SECOND)
-        words = [path, seconds, _MEMORY, json.dumps([p for p in sys.path if p])]
+        words = [path, seconds, _MEMORY, json.dumps([*filter(None, sys.path), str(_READER.parents[2])])]
         try:
             with storage_errors(path, "read by another process"):
                 child = subprocess.run(
@@ -298,7 +299,9 @@ def try_reading(path: Path, cure: str) -> StoredFile:
             raise IntegrityError(f"{path} is damaged: reading it did not end in {seconds} s; {cure}") from None
         if child.returncode:
             said = child.stderr.decode(errors="replace").strip().splitlines()
-            why = [f"the library ended with signal {-child.returncode}"] if child.returncode < 0 else said
+            # a crash is a signal, on Windows a code without a word
+            end = f"signal {-child.returncode}" if child.returncode < 0 else f"code {child.returncode:#x}"
+            why = said if said and child.returncode > 0 else [f"the library ended with {end}"]
             raise IntegrityError(f"{path} cannot be read as NetCDF ({why[-1]}); {cure}")
         _passed.add(identity)
     with storage_errors(path, "read"):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import posixpath
 import shutil
 import tempfile
 import zipfile
@@ -27,6 +28,7 @@ from pydantic import TypeAdapter
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists, require_file, storage_errors
 from fastcoil.base.text import printable
+from fastcoil.loops.netcdf import file_sha256
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.results import open_finished, problems_of_folder, problems_of_results
@@ -121,7 +123,7 @@ def inputs_of(study: Study) -> Inputs:
     up = max(_steps_up(name) or 0 for name, _ in named)
     found = Inputs("/".join([INPUTS, *["study"] * up]))
     for name, path in named:
-        member = os.path.normpath(f"{found.base}/{name}")
+        member = posixpath.normpath(f"{found.base}/{name}")
         if _steps_up(name) is None:
             folders = ("", *(f"{k}/" for k in range(2, len(named) + 2)))
             places = (f"{INPUTS}/elsewhere/{folder}{path.name}" for folder in folders)
@@ -214,7 +216,8 @@ def _members(store: StudyFolder, ds: xr.Dataset, manifest: Manifest, inputs: Inp
     """
     outputs = [RESULTS, *([str(ds.attrs["trace_file"])] if "trace_file" in ds.attrs else [])]
     # the folder of the author is private, and exists on no other machine
-    moved = replace(manifest, relative_to=inputs.base, outputs={n: [manifest.outputs[n][0]] for n in outputs})
+    hashes = {n: [file_sha256(store.path / n)] for n in outputs}
+    moved = replace(manifest, relative_to=inputs.base, outputs=hashes)
     text = (store.read_text() or "").encode()
     found: dict[str, bytes | Path] = {STUDY: text, MANIFEST: moved.text.encode()}
     if inputs.files:  # where it can be run
