@@ -28,7 +28,7 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-VERSION = "0.2.0"
+VERSION = "1.0.0rc1"
 """Of fastcoil.  The package and `fastcoil --version` take it from here."""
 
 IS_POSIX = hasattr(os, "fork")
