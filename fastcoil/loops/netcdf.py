@@ -101,7 +101,7 @@ def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Data
             ds.set_close(None)  # the caller gets it with the file closed
             if ds.nbytes > available_memory():
                 raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
-            return with_times(ds.load())
+            return with_complete_coordinates(with_times(ds.load()))
         finally:
             close(file)
 
@@ -127,12 +127,15 @@ def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, 
 
 def _encoding(ds: xr.Dataset) -> dict[Hashable, dict[str, object]]:
     large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > LARGE}
-    # CF 2.5.1: nothing is missing in a coordinate
-    complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
-    return {
-        n: (COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
-        for n in large | complete
-    }
+    with_complete_coordinates(ds)
+    return {n: COMPRESSION | {k: v for k, v in ds[n].encoding.items() if k == "_FillValue"} for n in large}
+
+
+def with_complete_coordinates(ds: xr.Dataset) -> xr.Dataset:
+    """The Dataset, whose coordinates say, also in a file that a user writes, that nothing is missing (CF 2.5.1)."""
+    for name in ds.coords:
+        ds.variables[name].encoding["_FillValue"] = None
+    return ds
 
 
 CLOCK = ("start", "time")

@@ -233,7 +233,9 @@ def hold(folder: Path) -> Iterator[None]:
 def _acquire(lock: BaseFileLock, folder: Path) -> None:
     try:
         lock.acquire(timeout=_PATIENCE, poll_interval=_PAUSE)
-        reason = "Function not implemented" if isinstance(lock, SoftFileLock) else ""  # it would outlive a kill
+        # a lock that is only a file would outlive a kill; filelock 4 keeps the class where it falls back to one
+        is_mere_file = isinstance(lock, SoftFileLock) or getattr(lock._context, "soft_fallback", False)
+        reason = "Function not implemented" if is_mere_file else ""
     except Timeout:
         holder = _describe_holder(folder) or "another run"
         raise LockedError(f"{folder} is in use by {holder}: wait for it to end, or choose another folder") from None

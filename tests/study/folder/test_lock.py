@@ -125,7 +125,7 @@ def test_a_lock_whose_file_was_removed_is_not_held(folder, monkeypatch):
 
     monkeypatch.setattr(fcntl, "flock", flock)
     with hold(folder):
-        assert len(calls) == 2
+        assert len(calls) >= 2
         monkeypatch.undo()
         assert find_holder(folder) is not None
 
