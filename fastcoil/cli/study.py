@@ -22,6 +22,7 @@ import click
 from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra
 from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
+from fastcoil.base.machine import command_line
 from fastcoil.base.progress import duration
 from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_found
@@ -174,7 +175,8 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     if exists(path):
         raise InputError(f"{path} exists: choose another name, or delete it")
     commit(path, text.encode())
-    say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
+    then = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
+    say(f"{path} written.  Edit it, then: {then}")
     # the script that does what `fastcoil run` does not
     say(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
 

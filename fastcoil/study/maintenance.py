@@ -1,7 +1,6 @@
 """What a study's folder answers later: its progress, whether it is sound, one scenario in full or by its labels."""
 
 import math
-import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ import xarray as xr
 from fastcoil.base.arguments import collecting, refuse
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.files import file_name, is_file, is_folder
+from fastcoil.base.machine import command_line
 from fastcoil.base.text import number_or_word
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import heating_day, paper_day
@@ -63,7 +63,7 @@ def status(folder: Path) -> list[str]:
     ]
     if not is_model(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
-    resume = f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
+    resume = f"To resume: {command_line(['fastcoil', 'run', 'STUDY.toml', '-o', str(folder)])}"
     return [*lines, *running, *([resume] if unfinished else [])]
 
 

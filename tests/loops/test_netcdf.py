@@ -49,6 +49,21 @@ def test_no_coordinate_is_said_to_have_missing_values(tmp_path, swept):
         assert "_FillValue" in file["rmse"].ncattrs()
 
 
+@pytest.mark.parametrize("part", ["whole", "picked", "opened again"])
+def test_nor_in_a_file_that_the_user_writes(tmp_path, swept, part):
+    """CF 2.5.1; xarray itself gives every variable of floats a fill value."""
+    path = tmp_path / "own.nc"
+    ds = swept if part == "whole" else swept.isel(tuning=0)
+    if part == "opened again":
+        netcdf.save(swept, tmp_path / "results.nc")
+        ds = netcdf.load(str(tmp_path / "results.nc"))
+    ds.to_netcdf(path)
+    with netCDF4.Dataset(path) as file:
+        assert {"backlash", "kp", "elapsed_time"} <= file.variables.keys()
+        assert not [n for n in map(str, ds.coords) if "_FillValue" in file[n].ncattrs()]
+        assert "_FillValue" in file["rmse"].ncattrs()
+
+
 def test_an_unwritable_place_is_reported(tmp_path, swept):
     with pytest.raises(StorageError, match="cannot be written"):
         netcdf.save(swept, tmp_path / "no folder" / "results.nc")

@@ -40,6 +40,7 @@ from fastcoil.base.files import (
     require_usable,
     storage_errors,
 )
+from fastcoil.base.machine import patiently
 from fastcoil.base.text import printable
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
 from fastcoil.study.folder.stored import MANIFEST, RESULTS, TRACE_FILES, Manifest, Shards, open_final
@@ -172,7 +173,7 @@ class StudyFolder:
         with storage_errors(self.path, "cleaned up"):
             for path in self.trace_files():
                 if path.name != ds.attrs.get("trace_file"):
-                    path.unlink()
+                    patiently(path.unlink)
         Shards(self.path, manifest.key).discard()
 
 
@@ -185,7 +186,7 @@ def hold(folder: Path) -> Iterator[None]:
     if it cannot be written or its file system has no locks.
     """
     require_usable(folder, "choose another folder with -o")
-    if "\\" in str(folder) or not is_text(str(folder.absolute())):
+    if "\\" in folder.as_posix() or not is_text(str(folder.absolute())):
         raise InputError(
             f"{shown(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library cannot "
             "write: choose another folder with -o"
