@@ -261,13 +261,11 @@ def broken_off(out):
 
 
 @pytest.fixture(scope="session")
-def forked(tmp_path_factory):
+def forked():
     """Run a study or a command in a process forked for it, see ``helpers.forks``."""
-    from helpers.calls import build, why_not
     from helpers.forks import COMMANDS, forks
 
-    env = {} if why_not() else {"LD_PRELOAD": str(build(tmp_path_factory.mktemp("library")))}
-    with forks(*COMMANDS, **env) as run:
+    with forks(*COMMANDS) as run:
         yield run
 
 
