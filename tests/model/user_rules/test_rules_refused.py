@@ -145,12 +145,6 @@ async def waits(now, p, memory):
     return 0.1, memory
 
 
-@pytest.mark.parametrize("function", [waits, halved])
-def test_what_cannot_be_called_as_a_rule(function):
-    with pytest.raises(fc.InputError, match=rf"write it as def {function.__name__}\(now, p, memory\)"):
-        fc.estimator(Parameters, Memory)(function)
-
-
 def test_a_parameter_that_is_none():
     for given, sentence in (
         ({"default": 2.0, "upper": 1.0}, r"default = 2.0: give a number \(from -inf to 1\)"),

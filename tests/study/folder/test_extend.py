@@ -8,7 +8,6 @@ from helpers import failing_shards
 from helpers.processes import cut
 from helpers.studies import copied, run_until_stopped
 from helpers.study_tables import fresh, run_shards, toml
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fastcoil as fc
@@ -219,16 +218,6 @@ def test_traces_with_volumes_grow_with_the_largest_coil(study, tmp_path, volumes
     assert finished.results.attrs["content_sha256"] == fresh(asked, tmp_path)
 
 
-def test_the_command_line_extends(study, base, tmp_path):
-    asked = study(EXTENSIONS["end"])
-    words = ["run", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--no-figures"]
-    result = CliRunner().invoke(main, [*words, "--extend"])
-    assert result.exit_code == 0, result.output
-    assert "Resuming: 24 of 32 scenario-days done" in result.stderr
-    assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == fresh(asked, tmp_path)
-    assert "finished: nothing to do" in CliRunner().invoke(main, words).output
-
-
 def test_an_extension_without_new_scenarios_runs_none(study, base, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "make_pool", None)
     asked = study(changed(sweep={"backlash": [0.09, 0.05, 0.02]}))
@@ -267,25 +256,3 @@ def versions(draw):
     for tables in (small, large):
         tables["run"] |= {"traces": traces, "trace_interval": 60}
     return small, large
-
-
-@pytest.mark.parametrize("n", [3, pytest.param(200, marks=pytest.mark.full)])
-def test_any_sweep_can_grow(tmp_path_factory, n):
-    @settings(max_examples=n)
-    @given(versions=versions(), seed=st.integers(0, 3))
-    def grows(versions, seed):
-        folder = tmp_path_factory.mktemp("grown")
-        path = folder / "study.toml"
-        with pytest.MonkeyPatch.context() as patch:
-            cut(patch, 7, seed=seed)
-            path.write_text(toml(versions[0]), encoding="utf-8")
-            small = read_study(path)
-            done = run_shards(small, folder / "out", None)
-            path.write_text(toml(versions[1]), encoding="utf-8")
-            large = read_study(path)
-            finished = execute(large, folder / "out", extend=True)
-            if large.text != small.text:
-                assert finished.n_run == large.plan.n_scenarios - done
-            assert finished.results.attrs["content_sha256"] == fresh(large, folder)
-
-    grows()

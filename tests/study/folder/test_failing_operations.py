@@ -76,13 +76,6 @@ def test_whichever_operation_fails_the_run_ends_with_4_and_the_next_one_complete
     assert sweep(tmp_path, situation, stride=stride) > 50
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("lasting", [False, True], ids=["once", "from then on"])
-@pytest.mark.parametrize("situation", SITUATIONS)
-def test_whichever_operation_fails_in_whatever_situation(tmp_path, situation, lasting):
-    assert sweep(tmp_path, situation, lasting=lasting) > 50
-
-
 def test_a_shard_whose_fsync_fails_once_is_not_written_and_fsync_is_not_tried_again(out, monkeypatch):
     copied(PLAIN, out, 1)
     calls, real = [], os.fsync
