@@ -7,6 +7,9 @@ import os
 import signal
 from functools import cache, partial
 
+# each process of pytest-xdist has a core of its own: a second thread of BLAS would only wait there, in a loop
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 import reference

@@ -50,7 +50,10 @@ def killed_before_each(forked, tmp_path, situation, stride=1):
     return n
 
 
-@pytest.mark.parametrize(("situation", "stride"), [("plain", 29), ("traced", 61), ("extended", 97)])
+@pytest.mark.parametrize(
+    ("situation", "stride"),
+    [("traced", 61), ("extended", 97), *(pytest.param(name, 1, marks=pytest.mark.full) for name in SITUATIONS)],
+)
 def test_a_run_killed_at_any_step_is_completed_by_the_next(forked, tmp_path, situation, stride):
     assert killed_before_each(forked, tmp_path, situation, stride) > 60
 

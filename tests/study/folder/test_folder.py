@@ -23,7 +23,7 @@ def written(path, text=PLAIN):
     return path
 
 
-@pytest.mark.parametrize("name", ["with space", "ünï-冷", "new\nline", "#mode=bytes?x=%20", "'\";$(x)", "x" * 200])
+@pytest.mark.parametrize("name", ["with space, ünï-冷, new\nline, #mode=bytes?x=%20 and '\";$(x)", "x" * 200])
 def test_any_name_of_a_folder_will_do(tmp_path, name):
     out = tmp_path / name / "out"
     out.parent.mkdir()

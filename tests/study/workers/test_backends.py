@@ -21,7 +21,6 @@ def hash_of(results):
 @pytest.mark.parametrize(
     ("backend", "n_jobs"),
     [
-        ("threads", 1),
         ("threads", 2),
         ("threads", 3),
         pytest.param("loky", 1, marks=pytest.mark.full),
@@ -34,7 +33,7 @@ def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_stud
     assert hash_of(fc.open_study(tmp_path / "out")) == golden
 
 
-@pytest.mark.parametrize("lane_steps", [1.0, 64 * 900.0, 1e12])
+@pytest.mark.parametrize("lane_steps", [1.0, 1e12])
 def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, lane_steps):
     monkeypatch.setattr(plan, "_LANE_STEPS_PER_SHARD", lane_steps)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
@@ -45,7 +44,7 @@ def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeyp
     [
         pytest.param(1, 1, marks=pytest.mark.full),
         pytest.param(9, 2, marks=pytest.mark.full),
-        (20, 6),
+        pytest.param(20, 6, marks=pytest.mark.full),
         pytest.param(40, 3, marks=pytest.mark.full),
         (64, 4),
         pytest.param(80, 5, marks=pytest.mark.full),
