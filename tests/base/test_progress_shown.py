@@ -75,20 +75,6 @@ def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(look, s
     assert "scenario-days" in terminal.getvalue()
 
 
-def test_ctrl_c_leaves_a_whole_line_and_the_cursor(look, soon):
-    terminal = look()
-
-    def interrupted():
-        with progress_of_call(None) as progress:
-            progress.start(10)(4)
-            wait_for(lambda: "4/10" in terminal.getvalue())
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert terminal.getvalue().endswith("\n\x1b[?25h")
-
-
 def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(outside_of_tests, clock, capsys):
     for progress, lines in ((None, []), (False, []), (True, ["4 of 8 scenario-days, 11 s to go"])):
         with progress_of_call(progress) as on_show:

@@ -241,7 +241,7 @@ def test_every_public_function_has_a_base_call(base_calls):
         assert set(parameters(base[0])) == set(parameters(public_calls()[name]))
 
 
-@pytest.mark.parametrize("n", [400, pytest.param(None, marks=pytest.mark.full)])
+@pytest.mark.parametrize("n", [150, pytest.param(None, marks=pytest.mark.full)])
 def test_a_wrong_argument_gets_a_sentence(base_calls, n):
     """Of all functions, arguments and wrong values some at random, or all."""
     attacks = [

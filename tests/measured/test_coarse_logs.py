@@ -59,13 +59,6 @@ def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_comma
         assert words in allowed.why
 
 
-def test_steps_that_are_logged_whole_are_taken_as_they_are():
-    rng = np.random.default_rng(32)
-    for command in (walk(rng, n=150), np.repeat(walk(rng, n=40), 5)):
-        problem, solution = solved(log_of(command, noisy(rng, flows(command), 0.02)))
-        assert judged(problem, solution, False) == (solution.interval, "", "")
-
-
 def test_the_fit_has_the_wider_interval(monkeypatch):
     rng = np.random.default_rng(33)
     log = log_of(command := walk(rng, n=80), noisy(rng, flows(command), 0.01))

@@ -60,16 +60,6 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
     assert np.mean(covered) > 0.85
 
 
-def test_other_dims_are_kept():
-    one = result(lambda a, b, c: a)
-    ds = xr.concat(
-        [one, result(lambda a, b, c: b)], xr.DataArray([0.0, 1.0], dims="estimate_ratio", name="estimate_ratio")
-    )
-    found = fc.sobol_indices(ds).rmse.sel(edge="value", index="total")
-    assert set(found.dims) == {"estimate_ratio", "parameter"}
-    np.testing.assert_allclose(found.transpose("estimate_ratio", ...), [[1, 0, 0], [0, 1, 0]], atol=0.03)
-
-
 def test_what_does_not_vary_has_no_indices():
     found = fc.sobol_indices(result(lambda a, b, c: 0.0 * a + 3.3))
     assert bool(found.rmse.isnull().all())

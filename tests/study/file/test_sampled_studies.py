@@ -59,21 +59,6 @@ def test_an_installed_valve_may_be_sampled_in_part(read, count):
     assert loop["m_max"] is None
 
 
-def test_an_installed_valve_may_be_given_by_loop_sweep_cases_and_sample_together(read):
-    loop = read(
-        "method = 'sobol'\nsize = 4\nauthority = { uniform = [0.2, 0.6] }",
-        "[loop]\n[sweep]\nm_full = [1.0, 1.2]\n[cases.valve]\na = { rangeability = 30 }\nb = { rangeability = 50 }",
-    ).plan.layout.loop
-    dims = {"rangeability": ("valve",), "authority": ("sample",), "m_full": ("m_full",)}
-    assert {n: loop[n].dims for n in VALVE} == dims
-
-
-def test_the_ratio_of_the_estimate_may_be_sampled(read):
-    loop = read("method = 'random'\nsize = 5\nestimate_ratio = { uniform = [0.5, 1.5] }").plan.layout.loop
-    assert loop["estimate_ratio"].sizes == {"sample": 5}
-    assert loop["backlash_estimate"] is None
-
-
 # Mistakes
 
 GOOD = "method = 'random'\nsize = 4\n"
@@ -187,19 +172,3 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, tmp_path, t
 def test_a_mistake_between_tables_gets_one_sentence(read, before, sentence):
     (problem,) = problems_of(read, GOOD + KP, before)
     assert sentence in problem
-
-
-def test_an_installed_valve_that_lacks_a_part_is_refused_once(read):
-    (problem,) = problems_of(read, GOOD + "m_full = { uniform = [1, 2] }", "[loop]\nrangeability = 50")
-    assert problem == "rangeability, authority, m_full go together: authority is missing, give it too"
-    (problem,) = problems_of(
-        read,
-        GOOD + "m_full = { uniform = [1, 2] }",
-        "[loop]\nrangeability = 50\n[cases.x]\na = { authority = 0.3 }\nb = {}",
-    )
-    assert problem == "[cases.x] authority is missing in b: give it in every case"
-
-
-def test_all_mistakes_are_named_at_once(read):
-    found = problems_of(read, "method = 'x'\nsize = 0\nseed = 0.5\nkp = 1\nti = { uniform = [2, 1] }\nkpp = 1")
-    assert len(found) == 6
