@@ -97,6 +97,16 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --group docs
 	@touch $@
 
+# builds sdist and wheel into dist/ and checks what a package index would show and install
+.PHONY: wheel-check
+wheel-check: $(BIN)/python
+	$(BIN)/python -m pip install --quiet --group wheel
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist .
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
+	$(BIN)/pyroma --min=8 dist/*.tar.gz  # of 10: the project has no address and no mailbox yet
+
 # the suite with the oldest versions that pyproject.toml allows, in a separate environment
 .PHONY: test-floors
 test-floors:

@@ -44,9 +44,11 @@ _HOME = {
     "replay": "measured.replay",
     "report": "deliver.report.results",
     "run_study": "study.run",
+    "sample": "study.file.sample",
     "simulate": "loops.simulate",
     "sobol_indices": "study.analysis.sobol",
     "survey": "deliver.report.survey",
+    "to_control": "design.to_control",
     "tune": "design.tune",
     "weather_day": "loops.boundary.weather",
     "weather_year": "loops.boundary.weather",
@@ -54,7 +56,8 @@ _HOME = {
 
 _loading = threading.RLock()
 # a child of a fork inherits a module that another thread is just loading as it is, and would wait for it for ever
-os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
 
 __all__ = [*_HOME, "__version__", "parameters", "plot"]  # noqa: PLE0604
 

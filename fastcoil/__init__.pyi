@@ -14,6 +14,7 @@ from fastcoil.design.explain import explain as explain
 from fastcoil.design.limit_cycle import limit_cycle as limit_cycle
 from fastcoil.design.limit_cycle import nyquist as nyquist
 from fastcoil.design.linearise import linearise as linearise
+from fastcoil.design.to_control import to_control as to_control
 from fastcoil.design.tune import tune as tune
 from fastcoil.loops.boundary import Boundary as Boundary
 from fastcoil.loops.boundary.days import constant_day as constant_day
@@ -39,6 +40,7 @@ from fastcoil.model.user_rules import parameter as parameter
 from fastcoil.study.analysis.compare import compare as compare
 from fastcoil.study.analysis.cost import cost as cost
 from fastcoil.study.analysis.sobol import sobol_indices as sobol_indices
+from fastcoil.study.file.sample import sample as sample
 from fastcoil.study.folder.results import open_study as open_study
 from fastcoil.study.run import run_study as run_study
 

@@ -7,6 +7,9 @@ import os
 import signal
 from functools import cache, partial
 
+# each process of pytest-xdist has a core of its own: a second thread of BLAS would only wait there, in a loop
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 import reference
@@ -261,13 +264,11 @@ def broken_off(out):
 
 
 @pytest.fixture(scope="session")
-def forked(tmp_path_factory):
+def forked():
     """Run a study or a command in a process forked for it, see ``helpers.forks``."""
-    from helpers.calls import build, why_not
     from helpers.forks import COMMANDS, forks
 
-    env = {} if why_not() else {"LD_PRELOAD": str(build(tmp_path_factory.mktemp("library")))}
-    with forks(*COMMANDS, **env) as run:
+    with forks(*COMMANDS) as run:
         yield run
 
 

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fastcoil.base.errors import InputError, StorageError, shown
+from fastcoil.base.machine import IS_POSIX, NO_LINK, READ, patiently, sync
 
 UNFINISHED = ".tmp"
 """Suffix of a file that is being written."""
@@ -73,8 +74,7 @@ def read_bytes(path: Path, limit: int, *, follow: bool = True) -> bytes:
     """
     # checked before opening: opening a device can have side effects
     _require_regular(os.stat(path, follow_symlinks=follow))
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
-    with open(os.open(path, flags), "rb", buffering=0) as file:
+    with open(os.open(path, os.O_RDONLY | READ | (0 if follow else NO_LINK)), "rb", buffering=0) as file:
         found = os.fstat(file.fileno())
         _require_regular(found)
         if found.st_size > limit:
@@ -103,7 +103,7 @@ def require_usable(path: Path, cure: str) -> None:
     try:
         path.stat()
     except (OSError, ValueError) as error:  # ValueError: a NUL, or a surrogate that no encoding has
-        if isinstance(error, ValueError) or error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
+        if isinstance(error, ValueError) or error.errno in _IMPOSSIBLE:
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"{shown(str(path))} is not a usable path ({reason}): {cure}") from None
 
@@ -136,10 +136,10 @@ def commit_written(
         with storage_errors(path, "written"):
             with _reveal_reason(unfinished):
                 write(unfinished)
-            _sync(unfinished, os.O_RDWR)
+            sync(unfinished)
             record(unfinished)
-            os.replace(unfinished, path)
-            _sync(path.parent, os.O_RDONLY)
+            patiently(lambda: os.replace(unfinished, path))
+            sync(path.parent)
     except BaseException:
         with contextlib.suppress(OSError):  # report the first error
             unfinished.unlink(missing_ok=True)
@@ -159,7 +159,7 @@ def make_folder(path: Path, *, parents: bool = False) -> None:
     for folder in reversed(made):
         folder.mkdir(exist_ok=True)
     for folder in made:
-        _sync(folder.parent, os.O_RDONLY)
+        sync(folder.parent)
 
 
 @contextmanager
@@ -172,6 +172,8 @@ def storage_errors(path: Path, done: str) -> Iterator[None]:
     except (OSError, RuntimeError) as error:  # netCDF4 raises RuntimeError for HDF5 errors
         reason = getattr(error, "strerror", None) or error
         cure = "check its permissions and the disk" if done in _LOOKS else "free some space or repair the folder"
+        if isinstance(error, PermissionError) and not IS_POSIX:
+            cure = "close the program that has it open, or check its permissions"
         found = StorageError(f"{path} cannot be {done}: {reason}; {cure}, then run the same command again")
         found.errno = getattr(error, "errno", None)
         raise found from error
@@ -205,14 +207,7 @@ def _reveal_reason(path: Path) -> Iterator[None]:
         raise
 
 
-def _sync(path: Path, flags: int) -> None:
-    descriptor = os.open(path, flags)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
+_IMPOSSIBLE = (errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL)  # the last for a name that Windows does not allow
 _ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.EBADF, errno.ELOOP)  # errors of ``stat`` for a path that does not exist
 
 

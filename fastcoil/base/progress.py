@@ -1,8 +1,9 @@
-"""Progress of long work: a bar on a terminal, lines of text elsewhere.
+"""Progress of long work: a bar on a terminal, lines of text elsewhere; and for programs the logger ``fastcoil``.
 
-Not shown for work of less than 2 s, in workers, or in unattended runs.
+Not shown for work of less than 2 s, in workers, or in unattended runs.  Logged, as INFO, whether it is shown or not.
 """
 
+import logging
 import multiprocessing
 import os
 import sys
@@ -12,6 +13,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from typing import Any
 
+LOG = logging.getLogger("fastcoil")
 SECONDS_BETWEEN_LINES = 10.0
 PATIENCE = 2.0
 """Seconds before progress is shown."""
@@ -58,7 +60,7 @@ class Shown(AbstractContextManager["Shown"]):
         self._of, self._before, self._done, self._what = of, before, before, what
         self._began = self._last = time.monotonic()
         if self.silent:
-            return lambda finished: None
+            return self._advance
         # work in several parts is shown once all of them have taken that long
         self._first = self._began if self._first is None else self._first
         left = max(0.0, self._patience - (self._began - self._first))
@@ -114,10 +116,15 @@ class Shown(AbstractContextManager["Shown"]):
             self._done += finished
             if self._is_open and self._bar is not None:
                 self._bar.update(self._task, completed=self._done, rate=self._rate)
-            elif self._is_open and time.monotonic() - self._last >= SECONDS_BETWEEN_LINES and self._done < self._of:
-                self._last = time.monotonic()
-                self._write_line()
+            now = time.monotonic()
+            if now - self._last >= SECONDS_BETWEEN_LINES and self._done < self._of:
+                self._last = now
+                LOG.info(self._line)
+                if self._is_open and self._bar is None:
+                    self._write_line()
             if self._done >= self._of:
+                if now - self._began >= PATIENCE:
+                    LOG.info(self._line)
                 self.stop()
 
     @property
@@ -128,15 +135,19 @@ class Shown(AbstractContextManager["Shown"]):
     def _rate(self) -> str:
         return f"{self._per_second:,.0f}/s" if self._per_second >= 0.5 else ""
 
-    def _write_line(self) -> None:
+    @property
+    def _line(self) -> str:
         if self._done >= self._of:
             words = [f"{self._of:,} {self._what} in {duration(time.monotonic() - self._began)}"]
         else:
             words = [f"{self._done:,} of {self._of:,} {self._what}", *([self._rate] if self._rate else [])]
             if self._done > self._before:
                 words.append(f"{duration((self._of - self._done) / self._per_second)} to go")
+        return ", ".join(words)
+
+    def _write_line(self) -> None:
         with suppress(OSError, ValueError):  # stderr is closed
-            print(", ".join(words), file=sys.stderr, flush=True)
+            print(self._line, file=sys.stderr, flush=True)
 
 
 def progress_of_call(progress: bool | None) -> Shown:

@@ -101,7 +101,7 @@ def archive(folder: Path, out: Path | None) -> None:
 
 @click.command()
 @click.argument("path", type=PATH)
-@click.option("--language", help="Language of the controller: c, st or python.  [default: c]")
+@click.option("--language", help="Controller as c, st, python, fmu or plcopen.  [default: by -o, else c]")
 @click.option("--test", "has_test", is_flag=True, help="Give the controller a valve test, by its input start_test.")
 @click.option("--csv", is_flag=True, help="A row for each scenario-day.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
@@ -118,6 +118,7 @@ def export(
     \b
       fastcoil export controller.toml --language c      controller.c, controller_vectors.csv
       fastcoil export controller.toml --language st     a function block of IEC 61131-3
+      fastcoil export controller.toml -o controller.fmu    for co-simulation, FMI 2.0
       fastcoil export results/study --csv               study.csv, a row for each scenario-day
     """  # noqa: D301 — click reads the backspace
     if path.suffix == ".toml" and not is_folder(path):
@@ -144,7 +145,9 @@ def export_code(path: Path, language: str | None, out: Path | None, has_test: bo
     from fastcoil.study.file.own_code import load_rules
     from fastcoil.study.file.spec import read_study
 
-    language = choice_of("language", language or "c", SUFFIXES)
+    by_suffix = {suffix: name for name, suffix in SUFFIXES.items()}
+    found = by_suffix.get(out.suffix.lower(), "c") if out else "c"
+    language = choice_of("language", language or found, SUFFIXES)
     study = read_study(path)
     loop = study.plan.layout.loop
     load_rules(loop.rules, study.rules)

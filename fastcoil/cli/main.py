@@ -4,14 +4,27 @@ import click
 
 from fastcoil.base.machine import VERSION
 from fastcoil.cli.deliver import archive, cite, export, report
+from fastcoil.cli.demo import demo
 from fastcoil.cli.logs import diagnose, fit, join, valve_test
 from fastcoil.cli.study import explain, explore, init, parameters, plan, plot, presets, rerun, run, status, tune, verify
-from fastcoil.cli.terminal import Commands
+from fastcoil.cli.terminal import Commands, say
+
+_FIRST = """fastcoil finds out why the valve of a heating or cooling coil hunts, and what helps.  What do you have?
+  a trend log        fastcoil diagnose LOG.csv
+  a loop to tune     fastcoil explain lbnl --set kp=0.03 --set ti=10
+  a question         fastcoil init study.toml, then fastcoil run study.toml
+  nothing yet        fastcoil demo
+All commands: fastcoil --help"""
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(VERSION, package_name="fastcoil")
-def main() -> None:
+@click.pass_context
+def main(context: click.Context) -> None:
     """Simulate coil valves with backlash under PI and backlash-inverse control, thousands of days at once.
 
     \b
@@ -20,10 +33,12 @@ def main() -> None:
       fastcoil plan study.toml         shows its size and how long it takes
       fastcoil run study.toml          runs it: results/study/ with NetCDF and figures
     """  # noqa: D301 — click reads the backspace
+    if context.invoked_subcommand is None:
+        say(*_FIRST.split("\n"))
 
 
 for command in (
-    *(archive, cite, diagnose, explain, explore, export, fit, init, join, parameters),
+    *(archive, cite, demo, diagnose, explain, explore, export, fit, init, join, parameters),
     *(plan, plot, presets, report, rerun, run, status, tune, valve_test, verify),
 ):
     main.add_command(command)

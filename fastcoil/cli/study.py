@@ -22,6 +22,7 @@ import click
 from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra
 from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
+from fastcoil.base.machine import command_line
 from fastcoil.base.progress import duration
 from fastcoil.cli.arguments import PATH, all_labels_of, labels_of, pairs, with_scenario
 from fastcoil.cli.deliver import with_report, write_found
@@ -54,17 +55,17 @@ def run(
     from fastcoil.study.analysis.summary import summary
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.stored import RESULTS
-    from fastcoil.study.run import Finished, default_folder, execute
+    from fastcoil.study.run import SCENARIO_DAYS, Finished, default_folder, execute
 
     folder = out or default_folder(study)
     asked = read_study(study, prepare=run_own_code)
 
-    def progress(n_todo: int) -> Advance:
+    def progress(n_todo: int, n: int, what: str) -> Advance:
         announce_compilation()
-        n = asked.plan.n_scenarios
         if n_todo < n:
-            say(f"Resuming: {n - n_todo:,} of {n:,} scenario-days done.", err=True)
-        return shown.start(n, n - n_todo)
+            begun = "Resuming" if what == SCENARIO_DAYS else "Drawing on"
+            say(f"{begun}: {n - n_todo:,} of {n:,} {what} done.", err=True)
+        return shown.start(n, n - n_todo, what)
 
     def present(finished: Finished) -> None:
         if not finished.n_run:
@@ -110,6 +111,8 @@ def plan(study: Path, jobs: int | None) -> None:
     alone, each = planned.memory_of_run(n_jobs, "threads")
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
+    if asked.precision:
+        say(f"Precision:   {asked.precision.how(planned.n_scenarios // asked.batches)}")
     n_shards = len(shards_of(planned, n_jobs))
     n_steps = planned.n_scenarios * planned.n_steps
     say(f"Steps:       {planned.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
@@ -172,7 +175,8 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     if exists(path):
         raise InputError(f"{path} exists: choose another name, or delete it")
     commit(path, text.encode())
-    say(f"{path} written.  Edit it, then: fastcoil plan {path}, fastcoil run {path}")
+    then = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
+    say(f"{path} written.  Edit it, then: {then}")
     # the script that does what `fastcoil run` does not
     say(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
 

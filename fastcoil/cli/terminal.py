@@ -8,7 +8,6 @@ from __future__ import annotations
 import errno
 import io
 import os
-import shlex
 import signal
 import sys
 import threading
@@ -21,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 import click
 
 from fastcoil.base.errors import EXIT_INTERRUPTED, EXIT_STORAGE, EXIT_TERMINATED, FastcoilError, out_of_memory
+from fastcoil.base.machine import INTERRUPTS, command_line
 from fastcoil.base.text import printable
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Terminated(KeyboardInterrupt):
 @contextmanager
 def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None]:
     """Handle SIGTERM and SIGHUP like Ctrl-C, print how to resume, and end within a few seconds."""
-    command = shlex.join(["fastcoil", verb, str(study), "-o", str(folder)])
+    command = command_line(["fastcoil", verb, str(study), "-o", str(folder)])
 
     def advice() -> str:
         return f"; finished scenarios are kept, to resume: {command}" if (folder / f"{verb}.json").exists() else ""
@@ -87,7 +87,7 @@ def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None
         timer.start()
         raise KeyboardInterrupt if interrupted else Terminated
 
-    numbers = [signal.SIGTERM, signal.SIGHUP]
+    numbers = [*INTERRUPTS]
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # background jobs keep ignoring it
         numbers.append(signal.SIGINT)
     before = {number: signal.signal(number, stop) for number in numbers}
@@ -194,7 +194,7 @@ def guard_streams() -> Output:
 
 def _output(stream: TextIO | None, descriptor: int) -> Output:
     """A stream like one of Python's; that is None where the descriptor was closed when the interpreter started."""
-    buffer = io.BufferedWriter(io.FileIO(descriptor, "wb", closefd=False))
+    buffer = open(descriptor, "wb", closefd=False)  # noqa: SIM115
     output = Output(buffer, stream.encoding if stream else "utf-8", "backslashreplace", line_buffering=True)
     if stream is None:
         output.lost = OSError(errno.EBADF, os.strerror(errno.EBADF))

@@ -31,7 +31,7 @@ from xarray.core import indexing
 
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import commit_written, storage_errors
-from fastcoil.base.machine import available_memory, gib
+from fastcoil.base.machine import IS_POSIX, available_memory, gib
 
 COMPRESSION = {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
 LARGE = 64
@@ -42,11 +42,12 @@ abandoned: list[netCDF4.Dataset] = []
 collector would try: a reference is kept."""
 
 # a forked child inherits the lock in its current state: no thread may hold it then
-os.register_at_fork(
-    before=NETCDF4_PYTHON_LOCK.acquire,
-    after_in_parent=NETCDF4_PYTHON_LOCK.release,
-    after_in_child=NETCDF4_PYTHON_LOCK.release,
-)
+if IS_POSIX:
+    os.register_at_fork(
+        before=NETCDF4_PYTHON_LOCK.acquire,
+        after_in_parent=NETCDF4_PYTHON_LOCK.release,
+        after_in_child=NETCDF4_PYTHON_LOCK.release,
+    )
 
 
 def close(file: netCDF4.Dataset) -> Any:
@@ -74,12 +75,8 @@ def save(ds: xr.Dataset, path: Path) -> None:
 def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
     """Write or append to an unpublished file, without a copy of it in memory."""
     large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > LARGE}
-    # CF 2.5.1: nothing is missing in a coordinate
-    complete = {n for n in ds.coords if ds[n].dtype.kind == "f"}
-    encoding = {
-        n: (COMPRESSION if n in large else {}) | ({"_FillValue": None} if n in complete else {})
-        for n in large | complete
-    }
+    with_complete_coordinates(ds)
+    encoding = {n: COMPRESSION | {k: v for k, v in ds[n].encoding.items() if k == "_FillValue"} for n in large}
     _written(ds, str(path), mode, encoding)
 
 
@@ -107,7 +104,7 @@ def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Data
             ds.set_close(None)  # the caller gets it with the file closed
             if ds.nbytes > available_memory():
                 raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
-            return with_times(ds.load())
+            return with_complete_coordinates(with_times(ds.load()))
         finally:
             close(file)
 
@@ -129,6 +126,13 @@ def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, 
                 close(file)
             raise
         return close(file)
+
+
+def with_complete_coordinates(ds: xr.Dataset) -> xr.Dataset:
+    """The Dataset, whose coordinates say, also in a file that a user writes, that nothing is missing (CF 2.5.1)."""
+    for name in ds.coords:
+        ds.variables[name].encoding["_FillValue"] = None
+    return ds
 
 
 CLOCK = ("start", "time")
@@ -277,7 +281,7 @@ def try_reading(path: Path, cure: str) -> StoredFile:
     identity = StoredFile(path, (), cure).identity()
     if identity not in _passed:
         seconds = int(_SECONDS + identity[2] / _BYTES_PER_SECOND)
-        words = [path, seconds, _MEMORY, json.dumps([p for p in sys.path if p])]
+        words = [path, seconds, _MEMORY, json.dumps([*filter(None, sys.path), str(_READER.parents[2])])]
         command = [sys.executable, "-I", str(_READER), *map(str, words)]
         try:
             with storage_errors(path, "read by another process"):
@@ -288,7 +292,9 @@ def try_reading(path: Path, cure: str) -> StoredFile:
             raise IntegrityError(f"{path} is damaged: reading it did not end in {seconds} s; {cure}") from None
         if child.returncode:
             said = child.stderr.decode(errors="replace").strip().splitlines()
-            why = [f"the library ended with signal {-child.returncode}"] if child.returncode < 0 else said
+            # a crash is a signal, on Windows a code without a word
+            end = f"signal {-child.returncode}" if child.returncode < 0 else f"code {child.returncode:#x}"
+            why = said if said and child.returncode > 0 else [f"the library ended with {end}"]
             raise IntegrityError(f"{path} cannot be read as NetCDF ({why[-1]}); {cure}")
         _passed.add(identity)
     with storage_errors(path, "read"):

@@ -5,7 +5,6 @@ take, ``sys.path`` as JSON.  On damaged bytes the library may crash, fill the me
 """
 
 import json
-import resource
 import sys
 
 _AT_ONCE = 2**20  # values
@@ -16,12 +15,9 @@ def main(name: str, seconds: int, memory: int, path: list[str]) -> None:
     sys.path[:] = path
     import netCDF4
 
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))  # in case the parent is gone
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    if sys.platform == "linux":  # elsewhere the limit is not kept, or counts what every process shares
-        with open("/proc/self/statm") as file:
-            used = int(file.read().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (used + memory, used + memory))
+    from fastcoil.base.machine import limit_this_process
+
+    limit_this_process(seconds, memory)  # in case the parent is gone
     with netCDF4.Dataset(name) as file:
         file.set_auto_maskandscale(False)
         _ = {name: file.getncattr(name) for name in file.ncattrs()}

@@ -17,7 +17,7 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import is_changed, read_series
 from fastcoil.loops.labelled import Course
 from fastcoil.loops.loop import Loop, forgetting, words_used
-from fastcoil.loops.netcdf import CLOCK
+from fastcoil.loops.netcdf import CLOCK, with_complete_coordinates
 from fastcoil.model.engine.emulator import DAY_COLUMNS, C, Day
 from fastcoil.model.engine.metrics import NOTHING_BEFORE, Before, after, schedule
 from fastcoil.model.metric_table import (
@@ -345,7 +345,7 @@ def unflatten(whole: xr.Dataset, layout: Layout) -> xr.Dataset:
     labels = {n: c.assign_attrs(coordinate_attrs(n, layout.loop.parameters)) for n, c in layout.coordinates().items()}
     labels |= clock_coordinates(layout.boundary, whole.variables.get("elapsed_time"))
     along = {n: c for n, c in whole.coords.items() if n != "scenario"}
-    return xr.Dataset(named, coords={**labels, **along})
+    return with_complete_coordinates(xr.Dataset(named, coords={**labels, **along}))
 
 
 def attributes(output: Output) -> dict[str, Any]:

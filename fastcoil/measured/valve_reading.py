@@ -4,14 +4,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import xarray as xr
 
 from fastcoil.base.figures import BLUE, FAINT, GREY, RED, YELLOW, apply_style, wrapped
-from fastcoil.base.results import Result
+from fastcoil.base.results import Result, toml_table
 from fastcoil.measured.diagnosis import ABOVE, draw_profile, gap_as_toml, gap_in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_NEGLIGIBLE = 1e-6  # probability of a size
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,9 +108,15 @@ class ValveReading(Result):
     def to_toml(self, path: str | Path | None = None) -> str:
         """The backlash as TOML, written to ``path`` if one is given; for ``include`` in the ``[loop]`` of a study file.
 
-        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers.
+        ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers, its posterior
+        also for ``fit`` in the ``[sample]`` of a study file.
         """
         numbers = {
             name: getattr(self, name) for name in ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         }
-        return gap_as_toml(self, "valve-test", "valve test", numbers, [], path)
+        more: list[str] = []
+        if self.identified:
+            at = np.flatnonzero(self.profile["probability"].values > _NEGLIGIBLE)
+            seen = self.profile.isel(backlash=slice(at[0], at[-1] + 1))
+            more = toml_table("fit.posterior", {n: seen[n].values.tolist() for n in ("backlash", "probability")})
+        return gap_as_toml(self, "valve-test", "valve test", numbers, more, path)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import posixpath
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -26,6 +27,7 @@ from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, Stor
 from fastcoil.base.files import commit_written, exists, require_file, storage_errors
 from fastcoil.base.text import printable
 from fastcoil.loops.netcdf import file_sha256
+from fastcoil.study.file.sample import files_of
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.results import open_finished, problems_of_folder, problems_of_results
@@ -114,7 +116,7 @@ def inputs_of(study: Study) -> tuple[str, dict[str, Path], dict[str, str]]:
     files: dict[str, Path] = {}
     elsewhere: dict[str, str] = {}
     for name, path in named:
-        member = os.path.normpath(f"{base}/{name}")
+        member = posixpath.normpath(f"{base}/{name}")
         if _steps_up(name) is None:
             folders = ("", *(f"{k}/" for k in range(2, len(named) + 2)))
             places = (f"{INPUTS}/elsewhere/{folder}{path.name}" for folder in folders)
@@ -130,7 +132,7 @@ def _named_files(study: Study) -> Iterator[tuple[str, Path]]:
     tables = study.tables
     series = tables.get("boundary"), tables.get("tune", {}).get("holdout")
     names = [str(table["path"]) for table in series if isinstance(table, dict) and "path" in table]
-    for name in (*names, *tables["loop"].get("include", [])):
+    for name in (*names, *tables["loop"].get("include", []), *files_of(tables.get("sample"))):
         yield name, study.folder / name
     for code in (*study.rules.values(), *([study.reduction] if study.reduction else [])):
         module = code.name.partition(":")[0]
@@ -167,7 +169,7 @@ def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
     base, inputs, elsewhere = inputs_of(store.read_study(manifest))
     outputs = [RESULTS, *([str(ds.attrs["trace_file"])] if "trace_file" in ds.attrs else [])]
     # the folder of the author is private, and exists on no other machine
-    moved = replace(manifest, relative_to=base, outputs={n: [manifest.outputs[n][0]] for n in outputs})
+    moved = replace(manifest, relative_to=base, outputs={n: [file_sha256(store.path / n)] for n in outputs})
     text = (store.read_text() or "").encode()
     # a finished study has no shards; figures and reports can be made again
     members: dict[str, bytes | Path] = {STUDY: text, MANIFEST: moved.text.encode()}

@@ -1,7 +1,6 @@
 """What a study's folder answers later: its progress, whether it is sound, one scenario in full or by its labels."""
 
 import math
-import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ import xarray as xr
 from fastcoil.base.arguments import collecting, refuse
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.base.files import file_name, is_file, is_folder
+from fastcoil.base.machine import command_line
 from fastcoil.base.text import number_or_word
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.days import heating_day, paper_day
@@ -29,6 +29,7 @@ from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_MEANINGS
 from fastcoil.model.numerics.jit import is_model
 from fastcoil.model.parameter_table import PARAMETERS
 from fastcoil.model.user_rules import own_code_of, refuse_other_code
+from fastcoil.study.analysis.precision import precision_of
 from fastcoil.study.analysis.selected import listed, selected
 from fastcoil.study.archive import archive_problems
 from fastcoil.study.file.own_code import Source, load
@@ -52,16 +53,18 @@ def status(folder: Path) -> list[str]:
             raise
         return ["Nothing is finished yet.", *running]
     found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
-    n, left = ds["status"].size, found["not_run"]
+    n, left, precision = ds["status"].size, found["not_run"], precision_of(ds)
+    unfinished = left or (precision is not None and not precision.is_enough(ds))
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
     lines = [
         str(ds.attrs["title"]),
-        f"{'Unfinished' if left else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
+        f"{'Unfinished' if unfinished else 'Finished'}: {n - left:,} of {n:,} scenarios ({words})",
+        *([precision.in_words(ds)] if precision else []),
     ]
     if not is_model(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
-    resume = f"To resume: fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
-    return [*lines, *running, *([resume] if left else [])]
+    resume = f"To resume: {command_line(['fastcoil', 'run', 'STUDY.toml', '-o', str(folder)])}"
+    return [*lines, *running, *([resume] if unfinished else [])]
 
 
 def verify(folder: Path) -> list[str]:

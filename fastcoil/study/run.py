@@ -41,6 +41,8 @@ class Finished:
     n_run: int
 
 
+SCENARIO_DAYS = "scenario-days"
+Progress = Callable[[int, int, str], Advance]
 _Workers = tuple[str, int, str | None]
 """Who is to run it: backend, number, address of the scheduler."""
 
@@ -105,7 +107,6 @@ def run_study(
         extend = check(flag_of, "extend", extend)
         progress = check.unless_none(flag_of, "progress", progress)
     study = read_study(path, prepare=load)
-    n = study.plan.n_scenarios
     with progress_of_call(progress) as shown:
         return execute(
             study,
@@ -114,7 +115,7 @@ def run_study(
             backend=backend,
             scheduler=scheduler,
             extend=extend,
-            progress=lambda n_missing: shown.start(n, n - n_missing),
+            progress=lambda n_missing, n, what: shown.start(n, n - n_missing, what),
         ).results
 
 
@@ -131,13 +132,14 @@ def execute(
     backend: str = "threads",
     scheduler: str | None = None,
     extend: bool = False,
-    progress: Callable[[int], Advance] | None = None,
+    progress: Progress | None = None,
     present: Callable[[Finished], None] = lambda finished: None,
 ) -> Finished:
     """Run a study into ``folder``, resume it, or find it finished there; see ``run_study``.
 
-    ``progress`` is called when there is work to do, with the number of scenarios to run, and returns what to call
-    with finished ones.  ``present`` gets the finished study while its folder is still held, to write figures there.
+    ``progress`` is called when there is work to do, with the number of scenarios to run and of all, and with what they
+    are, and returns what to call with finished ones; with ``precision`` there is work again for more batches.
+    ``present`` gets the finished study while its folder is still held, to write figures there.
     """
     n_jobs = workers(n_jobs)
     check_backend(backend, scheduler)
@@ -145,13 +147,38 @@ def execute(
         store = StudyFolder(folder.absolute())  # a study's own code may change the current folder meanwhile
     with hold(store.path):
         load_rules(study.plan.layout.loop.rules, study.rules)
-        work = _decide(study, store, extend)
-        if isinstance(work, tuple):
-            finished = _run_and_merge(study, store, work, (backend, n_jobs, scheduler), progress)
-        else:
-            finished = Finished(store.path, work, 0)
+        more: Study | None = _in_folder(study, store, extend)
+        n_run, what = 0, SCENARIO_DAYS
+        while more is not None:
+            study = more
+            work = _decide(study, store, extend)
+            if isinstance(work, tuple):
+                finished = _run_and_merge(study, store, work, (backend, n_jobs, scheduler), progress, what)
+            else:
+                finished = Finished(store.path, work, 0)
+            n_run += finished.n_run
+            more, extend = study.larger(finished.results), True
+            if more and study.precision:
+                what = f"{SCENARIO_DAYS}, {study.precision.so_far(finished.results)}"
+        finished = replace(finished, n_run=n_run)
         present(finished)
     return finished
+
+
+def _in_folder(study: Study, store: StudyFolder, extend: bool) -> Study:
+    """The study with as many batches of samples as its folder has; with the fewest if it has none of them.
+
+    An extension of another study has at least as many.
+    """
+    stored = Manifest.read(store.path)
+    if stored is None or study.precision is None:
+        return study
+    found = study.of_hash(stored.study_sha256)
+    if found is None and extend and store.has_results:
+        n = store.open_results().sizes.get("sample", 0)
+        enough = [count for count in study.precision.counts if count * study.precision.size >= n]
+        found = study.of_batches(enough[0]) if enough else None
+    return found or study
 
 
 def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Dataset:
@@ -200,7 +227,7 @@ def _put_right(study: Study, store: StudyFolder, ds: xr.Dataset, manifest: Manif
 
 
 def _run_and_merge(
-    study: Study, store: StudyFolder, work: _Work, asked: _Workers, progress: Callable[[int], Advance] | None
+    study: Study, store: StudyFolder, work: _Work, asked: _Workers, progress: Progress | None, what: str
 ) -> Finished:
     """Run what is missing, shard by shard, and merge all of it."""
     plan = study.plan
@@ -211,7 +238,7 @@ def _run_and_merge(
         if scheduler is None:
             check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
         n_run = sum(shard.size for shard in shards_of(plan, n_jobs, missing))
-        advance = progress(n_run) if progress else lambda n: None
+        advance = progress(n_run, plan.n_scenarios, what) if progress else lambda n: None
         n_jobs, manifest = _run(study, store, work, asked, advance)
     elif not store.records(manifest, study.text):
         store.write_manifest(manifest, study.text)

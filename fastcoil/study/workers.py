@@ -17,7 +17,6 @@ import shutil
 import signal
 import tempfile
 import threading
-import time
 import warnings
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,6 +30,7 @@ import xarray as xr
 from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import FastcoilError, InputError, StorageError, missing_extra, out_of_memory, shown
 from fastcoil.base.files import storage_errors
+from fastcoil.base.machine import wait_for_end
 from fastcoil.loops.plan import Plan, Shard
 from fastcoil.loops.scenarios import flat_dataset
 from fastcoil.loops.simulate import run_shard, within
@@ -114,8 +114,7 @@ def begin_process(job: Path, parent: int) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def follow() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
+        wait_for_end(parent)
         shutil.rmtree(job.parent, ignore_errors=True)  # a parent that was killed has left it
         os._exit(1)
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fastcoil.base.text import percent
-from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, cited, facts, here
+from fastcoil.deliver.report.page import Block, Code, Page, Picture, Section, Table, Words, cited, facts, versions
+from fastcoil.loops.provenance import provenance
 from studies.paper import grid
 from studies.paper.scorecard import SURELY
 
@@ -75,7 +76,7 @@ def paper_page(card: Mapping[str, Any], folder: Path) -> Page:
         Section("Claim by claim", [block for c in claims for block in _claim(c, tunings["presets"])]),
         Section("Not simulated", [Words([str(text) for text in card["not_simulated"]], bullets=True)]),
         _how(card),
-        here(),
+        versions(provenance()),
         cited(),
     ]  # fmt: skip
     question = "Which claims of Cai and Braun (2016) hold, for which tunings, and on which kinds of days?"
@@ -144,7 +145,8 @@ def _how(card: Mapping[str, Any]) -> Section:
         "Best gains are those of lowest error for the same plant and sample time, found on other days, of all with "
         "which the loop does not hunt without backlash.",
         "A claim holds at a share of 95 % or more, and does not hold at 5 % or less.  Between, the verdict names the "
-        "region of tunings, of those tried on this same grid, that predicts best where it holds.  If the share "
+        "region of tunings that predicts best where it holds, searched for on one half of the grid; the shares inside "
+        "and elsewhere are those of the other half.  If the share "
         "elsewhere is 5 % or less, it holds only if a tuning lies there; else it holds in part, more often if it does.",
     ]
     computed = facts(

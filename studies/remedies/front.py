@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 import fastcoil as fc
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from fastcoil.study.file.loop import sample_values
+from fastcoil.study.file.sample import sample_values
 from fastcoil.study.file.spec import read_study
 from studies.common import change_in_words, pooled, save_figure, write_table
 from studies.days import STEPPED

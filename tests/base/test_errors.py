@@ -8,7 +8,6 @@ import pytest
 import fastcoil as fc
 from fastcoil.base.arguments import collecting
 from fastcoil.base.errors import WrongType, shown
-from fastcoil.base.files import storage_errors
 
 FAMILY = {
     "InputError": ValueError,
@@ -46,25 +45,6 @@ def test_a_sentence_collected_as_it_is_keeps_its_kind_and_one_of_a_file_does_not
     with collecting(of_file, "[loop] "):
         raise fc.InputError(WrongType("m = 'x': give a number"))
     assert not isinstance(fc.InputError(of_file), fc.InputTypeError)
-
-
-def test_a_full_disk_is_caught_as_any_error_of_the_system(tmp_path):
-    with (
-        pytest.raises(OSError, match="cannot be written: No space left") as caught,
-        storage_errors(tmp_path, "written"),
-    ):
-        raise OSError(28, "No space left on device")
-    assert isinstance(caught.value, fc.StorageError)
-    assert caught.value.errno == 28
-    assert pickle.loads(pickle.dumps(caught.value)).args == caught.value.args
-
-
-def test_a_storage_error_says_its_reason_once(tmp_path):
-    outer, inner = storage_errors(tmp_path, "made"), storage_errors(tmp_path / "inner", "written")
-    with pytest.raises(fc.StorageError) as caught, outer, inner:
-        raise OSError(28, "No space left on device")
-    assert "inner cannot be written" in str(caught.value)
-    assert "cannot be made" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

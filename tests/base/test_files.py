@@ -48,16 +48,6 @@ def test_what_is_no_file_is_refused_at_once(tmp_path, monkeypatch, name, kind):
             read_text(Path(name), "a CSV file", limit=1000)
 
 
-def test_a_file_without_permission_is_refused(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("1")
-    path.chmod(0)
-    if os.access(path, os.R_OK):
-        pytest.skip("root may read everything")
-    with pytest.raises(InputError, match=r"cannot be read \(Permission denied\): give a CSV file$"):
-        read_text(path, "a CSV file", limit=5)
-
-
 @pytest.mark.timeout(20)
 def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(tmp_path, monkeypatch):
     """It may do so between the look at it and its opening."""

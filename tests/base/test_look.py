@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fastcoil.base.errors import InputError, StorageError
+from fastcoil.base.errors import StorageError
 from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.cli.logs import require_writable
 from fastcoil.loops.plan import check_disk
@@ -54,8 +54,3 @@ def test_what_is_there_and_what_is_not(tmp_path):
         assert not exists(absent)
         assert not is_file(absent)
         assert not is_folder(absent)
-
-
-def test_a_fit_into_a_missing_folder_is_still_a_mistake_of_the_user(tmp_path):
-    with pytest.raises(InputError, match="in a folder that exists"):
-        require_writable(tmp_path / "none" / "valve.toml")

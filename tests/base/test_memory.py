@@ -31,14 +31,6 @@ def files(tmp_path, monkeypatch):
     return write
 
 
-def test_bytes_in_words():
-    assert memory.gib(1536 * MIB) == "1.5 GiB"
-    assert memory.gib(2**19) == "0.5 MiB"
-    assert memory.gib(50_000) == "48.8 KiB"
-    assert [memory.gib(n) for n in (1023, 0)] == ["1023 bytes", "0 bytes"]
-    assert memory.gib(3000 * 2**30) == "3,000.0 GiB"
-
-
 def test_without_groups_and_limits_it_is_that_of_the_machine(files):
     assert memory.available_memory() == 4096000 * 1024
 

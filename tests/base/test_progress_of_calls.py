@@ -1,15 +1,9 @@
 """``simulate``, ``run_study`` and ``tune`` tell how many scenario-days they have done."""
 
 import ast
-import os
-import pty
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from helpers.processes import environment
 
 import fastcoil as fc
 from fastcoil.base.progress import Shown
@@ -75,13 +69,6 @@ def test_on_request_even_a_short_call_says_in_a_script_what_it_did(calls, capfd)
     assert said.count("\n") == 1
 
 
-@pytest.mark.parametrize("name", ["simulate", "run_study", "tune"])
-@pytest.mark.parametrize("given", [1, "yes", [True]])
-def test_what_is_neither_yes_nor_no_is_refused(calls, name, given):
-    with pytest.raises(fc.InputTypeError, match=r"progress = .*: give True(,| or) False"):
-        calls[name](progress=given)
-
-
 def test_the_package_itself_simulates_in_silence():
     found = []
     for path in Path(fc.__file__).parent.rglob("*.py"):
@@ -90,31 +77,3 @@ def test_the_package_itself_simulates_in_silence():
                 found.append(path.name)
                 assert any(word.arg == "progress" for word in node.keywords), path
     assert len(found) > 4
-
-
-@pytest.mark.full
-@pytest.mark.kernel
-def test_ctrl_c_on_a_terminal_ends_the_bar_before_pythons_own_words(tmp_path):
-    code = (
-        "import numpy as np, fastcoil as fc\n"
-        "loop = fc.Loop(kp=np.linspace(0.01, 0.05, 40_000))\n"
-        "fc.simulate(loop, fc.paper_day(), n_jobs=1)\n"
-    )
-    env = {name: value for name, value in environment().items() if not name.startswith("PYTEST")}
-    ours, theirs = pty.openpty()
-    with subprocess.Popen([sys.executable, "-c", code], stderr=theirs, cwd=tmp_path, env=env) as running:
-        os.close(theirs)
-        said = b""
-        while b"/40000" not in said:
-            said += os.read(ours, 4096)
-        running.send_signal(signal.SIGINT)
-        while True:
-            try:
-                said += os.read(ours, 4096)
-            except OSError:  # the other end is closed
-                break
-        assert running.wait(60) == -signal.SIGINT
-    os.close(ours)
-    bar, _, after = said.partition(b"Traceback")
-    assert bar.endswith(b"\n\x1b[?25h"), bar[-200:]
-    assert after.rstrip().endswith(b"KeyboardInterrupt")

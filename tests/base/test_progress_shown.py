@@ -1,6 +1,7 @@
 """Progress is shown where someone looks, of work that takes a while, and ends with a whole line."""
 
 import io
+import logging
 import multiprocessing
 import sys
 import threading
@@ -74,20 +75,6 @@ def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(look, s
     assert "scenario-days" in terminal.getvalue()
 
 
-def test_ctrl_c_leaves_a_whole_line_and_the_cursor(look, soon):
-    terminal = look()
-
-    def interrupted():
-        with progress_of_call(None) as progress:
-            progress.start(10)(4)
-            wait_for(lambda: "4/10" in terminal.getvalue())
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert terminal.getvalue().endswith("\n\x1b[?25h")
-
-
 def test_a_script_is_told_only_on_request_in_lines_of_ten_seconds(outside_of_tests, clock, capsys):
     for progress, lines in ((None, []), (False, []), (True, ["4 of 8 scenario-days, 11 s to go"])):
         with progress_of_call(progress) as on_show:
@@ -135,3 +122,16 @@ def test_a_stderr_that_nobody_reads_ends_no_run(outside_of_tests, monkeypatch):
     monkeypatch.setattr(sys, "stderr", Gone())
     with progress_of_call(True) as progress:
         progress.start(1)(1)
+
+
+@pytest.mark.parametrize("progress", [False, True])
+def test_a_program_gets_lines_from_the_logger_fastcoil_and_none_of_short_work(clock, caplog, progress):
+    caplog.set_level(logging.INFO, "fastcoil")
+    with progress_of_call(progress) as on_show:
+        advance = on_show.start(8)
+        for seconds, n in ((9.0, 2), (2.0, 2), (11.0, 4)):
+            clock[0] += seconds
+            advance(n)
+        on_show.start(1)(1)
+    lines = ["4 of 8 scenario-days, 11 s to go", "8 scenario-days in 22 s"]
+    assert [(r.name, r.levelname, r.getMessage()) for r in caplog.records] == [("fastcoil", "INFO", w) for w in lines]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import fastcoil
-from helpers.studies import DAYS, PLAIN, copied, golden
+from helpers.studies import PLAIN, copied, golden
 
 import fastcoil as fc
-from fastcoil.deliver.report.page import AUTHORS, LICENCE, PAPER, TITLE, bibtex, citation
+from fastcoil.deliver.report.page import AUTHORS, LICENCE, PAPER, TITLE, citation
 
 ROOT = Path(__file__).parents[2]
 
@@ -50,17 +50,3 @@ def test_results_are_cited_with_the_version_and_the_hash_that_made_them(out):
     assert done.output.splitlines()[-1] == (
         f"Results: small. Made with fastcoil {made}; content_sha256 {golden(PLAIN)}."
     )
-
-
-@pytest.mark.kernel
-def test_unfinished_results_have_no_hash_to_cite(out):
-    copied(PLAIN, out, DAYS - 1)
-    done = fastcoil("cite", out)
-    assert done.exit_code == 2
-    assert "is unfinished" in done.stderr
-
-
-def test_a_title_is_no_tex():
-    attrs = {"title": "50 % of_a {valve} \\input{x} & more\n#1", "content_sha256": "0" * 64, "fastcoil_version": "9"}
-    title = next(line for line in bibtex(attrs) if "50" in line)
-    assert title == r"  title = {{50 \% of\_a \{valve\} \textbackslash{}input\{x\} \& more \#1}},"

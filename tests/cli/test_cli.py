@@ -3,7 +3,6 @@
 import pytest
 from click.testing import CliRunner
 
-import fastcoil as fc
 from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.kernel
@@ -29,25 +28,6 @@ def test_run_writes_results_and_figures_and_says_where(fastcoil, tmp_path):
     again = fastcoil("run", "small.toml", "--no-figures")
     assert again.exit_code == 0
     assert "finished: nothing to do" in again.output
-
-
-def test_the_summary_names_the_backend(fastcoil):
-    from fastcoil.study.analysis.summary import summary
-
-    assert " s on 2 threads: " in fastcoil("run", "small.toml", "--no-figures", "-j", "2").output
-    with fc.open_study("results/small") as ds:
-        assert " s on 3 loky workers: " in summary(ds.assign_attrs(engine="loky", n_jobs=3))[1]
-
-
-def test_the_summary_of_a_resumed_run_does_not_time_what_an_earlier_one_did(fastcoil):
-    from fastcoil.study.analysis.summary import summary
-
-    fastcoil("run", "small.toml", "--no-figures")
-    with fc.open_study("results/small") as found:
-        ds = found.load()
-    n, rate = ds["status"].size, ds.attrs["scenario_days_per_s"]
-    assert "the last of them" not in summary(ds.assign_attrs(wall_time_s=n / rate))[1]
-    assert "the last of them in" in summary(ds.assign_attrs(wall_time_s=0.5 * n / rate))[1]
 
 
 def test_plan_says_how_large_and_writes_nothing(fastcoil, tmp_path):

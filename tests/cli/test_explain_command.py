@@ -72,14 +72,6 @@ def test_a_loop_has_not_what_only_its_neighbours_in_the_study_read(tmp_path):
         fc.simulate(one_scenario(path, {"controller": "pi"}, {"estimate_share": "0.5"}).loop, one.boundary)
 
 
-def test_set_changes_a_parameter_and_its_dimension_needs_no_label(study):
-    changes = {"estimate_ratio": "0", "ti": "60", "action": "cooling"}
-    one = one_scenario(study, {"backlash": "0.02", "day": "1"}, changes)
-    assert (one.loop["ti"], one.loop["estimate_ratio"], one.loop["backlash"]) == (60.0, 0.0, 0.02)
-    assert not one.loop.sizes
-    assert one.boundary.n_days == 1
-
-
 def test_a_preset_runs_on_the_generic_day():
     one = one_scenario("lbnl", {}, {"kp": "0.03"})
     assert one.loop == fc.Loop.preset("lbnl").assign(kp=0.03)

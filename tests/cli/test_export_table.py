@@ -1,9 +1,5 @@
 """``fastcoil export`` of results: files that others read, and mistakes in a sentence."""
 
-import resource
-import subprocess
-import sys
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -122,13 +118,6 @@ def test_what_is_no_result_is_refused(export, tmp_path, content, sentence):
     assert result.output.startswith(f"fastcoil: {sentence}")
 
 
-def test_options_of_tables_say_nothing_of_a_controller(export, tmp_path):
-    (tmp_path / "controller.toml").write_text("[loop]\n")
-    result = export("controller.toml", "--csv", "--at", "day=1")
-    assert result.exit_code == 2
-    assert "--csv, --at: for tables of results, and controller.toml is a TOML file" in result.output
-
-
 @pytest.mark.kernel
 def test_an_unfinished_study_says_how_much_is_missing(export, tmp_path, broken_off):
     result = export(broken_off, "--csv", "-o", tmp_path / "part.csv")
@@ -136,16 +125,3 @@ def test_an_unfinished_study_says_how_much_is_missing(export, tmp_path, broken_o
     assert "scenarios have not run (status not_run)" in result.output
     found = pd.read_csv(tmp_path / "part.csv", comment="#")
     assert 0 < (found.status == "not_run").sum() < len(found)
-
-
-@pytest.mark.full
-def test_a_million_rows_need_less_than_a_gibibyte(tmp_path):
-    ds = drawn(500_000)
-    for k in range(28):
-        ds[f"more_{k}"] = ds.rmse + k
-    ds.to_netcdf(tmp_path / "large.nc")
-    code = "import sys; from fastcoil.cli.main import main; main(sys.argv[1:])"
-    words = ["export", str(tmp_path / "large.nc"), "--csv", "-o", str(tmp_path)]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    subprocess.run([sys.executable, "-c", code, *words], check=True, cwd=tmp_path)
-    assert before <= resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 2**20

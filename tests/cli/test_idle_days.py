@@ -51,9 +51,3 @@ def test_a_day_that_is_run_again_has_its_date_and_time(finished, monkeypatch):
     ds = netcdf.load(str(next((folder / "reruns").glob("day=2*.nc"))))
     assert str(ds["start"].values)[:19] == "2023-01-02T00:00:00"
     assert str(ds["time"].values[-1])[:19] == "2023-01-02T23:59:59"
-
-
-def test_a_day_off_that_is_run_again_has_no_error(finished, monkeypatch):
-    monkeypatch.setattr(maintenance, "TRACES", ("T_sup",))
-    again = fastcoil("rerun", finished[0], "--at", "day=1,backlash=0.07")
-    assert again.output.startswith("no rmse, the loop was off, status ok\n")

@@ -1,6 +1,5 @@
 """``fastcoil init``: the template, and the studies that come with fastcoil."""
 
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,6 @@ from click.testing import CliRunner
 
 from fastcoil.cli.main import main
 from fastcoil.cli.study import shipped_studies
-from studies.__main__ import questions
 
 ROOT = Path(__file__).parents[2]
 STUDIES = {path.stem: path for path in (ROOT / "studies").glob("*/*.toml")}
@@ -43,34 +41,9 @@ def test_a_shipped_study_is_written_under_its_name_or_another(fastcoil, tmp_path
     assert fastcoil("init", "--from", "robustness").exit_code == 2
 
 
-def test_the_list_names_every_study_with_its_title_and_writes_nothing(fastcoil, tmp_path):
-    listed = fastcoil("init", "--list")
-    assert listed.exit_code == 0
-    assert [line.split()[0] for line in listed.output.splitlines()] == sorted(STUDIES)
-    assert all(tomllib.loads(path.read_text())["title"] in listed.output for path in STUDIES.values())
-    assert not list(tmp_path.iterdir())
-
-
 def test_an_unknown_study_is_answered_with_the_nearest_and_the_list(fastcoil, tmp_path):
     wrong = fastcoil("init", "--from", "robustnes")
     assert wrong.exit_code == 2
     assert "did you mean 'robustness'?" in wrong.output
     assert all(name in wrong.output for name in STUDIES)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_study_that_a_script_analyses_says_so(fastcoil):
-    said = fastcoil("init", "--from", "learning_step").output
-    assert "Analysis: `python -m studies learning`" in said
-    analysed = {
-        name: text.partition("# Analysis: ")[2].partition("\n")[0]
-        for name, text in shipped_studies().items()
-        if "# Analysis: " in text
-    }
-    assert analysed.keys() == {
-        "hunting", "learners", "learning_step", "learning_failures", "remedies", "valve_population",
-        "valve_sensitivity", "wear", "year",
-    }  # fmt: skip
-    for name, words in analysed.items():
-        module = questions()[words.split("`")[1].removeprefix("python -m studies ")].module
-        assert name in (ROOT / module.replace(".", "/")).with_suffix(".py").read_text()

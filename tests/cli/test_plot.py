@@ -4,7 +4,6 @@ import re
 
 import pytest
 from click.testing import CliRunner
-from matplotlib.image import imread
 
 from fastcoil.cli.main import main
 
@@ -49,15 +48,6 @@ def test_misspelt_names_are_answered_with_the_nearest(folder):
     assert "did you mean 'rmse'" in wrong.output
 
 
-def test_dots_per_inch_are_those_asked_for(folder):
-    words = (folder, "-x", "backlash", "--metric", "rmse")
-    sizes = []
-    for more in ((), ("--dpi", 100)):
-        assert plot(*words, *more).exit_code == 0
-        sizes.append(imread(folder / "figures" / "rmse_backlash.png").shape)
-    assert sizes[0][:2] == (2 * sizes[1][0], 2 * sizes[1][1])
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -99,12 +89,6 @@ def test_a_figure_goes_where_it_is_sent_in_the_format_of_its_name(folder, tmp_pa
     assert plot(folder, "--at", "backlash=0.02", "-o", tmp_path / "many").exit_code == 0
     assert [path.name for path in (tmp_path / "many").iterdir()] == ["bands_backlash=0.02.png"]
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
-
-
-def test_of_several_figures_a_file_takes_the_first_and_the_others_are_named(folder, tmp_path):
-    result = plot(folder, "-o", tmp_path / "one.svg")
-    assert result.exit_code == 0
-    assert "one.svg shows maps; to write bands as well, give a folder" in result.output
 
 
 def test_labels_are_fixed_and_changes_are_told_in_the_name_and_in_the_heading(folder):

@@ -77,20 +77,6 @@ def test_a_terminal_of_few_characters_gets_the_others_escaped(shell, tmp_path):
     assert b"n\xf6\\u0394" in done.stderr
 
 
-@pytest.mark.parametrize(("streams", "first"), [("<&- >&- 2>&-", 3), ("2>&-", 3), ("", 3)])
-def test_files_of_ours_do_not_get_the_number_of_a_closed_stream(tmp_path, streams, first):
-    (tmp_path / "s.toml").touch()
-    code = "import fastcoil.cli.terminal as s; s.guard_streams(); f = open('s.toml'); raise SystemExit(f.fileno())"
-    done = subprocess.run(
-        ["bash", "-c", f'{sys.executable} -c "{code}" {streams}'],
-        cwd=tmp_path,
-        check=False,
-        timeout=60,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
-    )
-    assert done.returncode == first
-
-
 def test_a_pipe_whose_reader_left_is_no_fault(shell):
     done = shell("init --list | head -n 1")
     assert (done.returncode, done.stdout.count(b"\n"), done.stderr) == (0, 1, b"")

@@ -82,12 +82,6 @@ def test_a_study_without_the_table_is_refused_with_an_example(study):
     assert "has no table [tune]: add one, such as search = { kp" in found.output
 
 
-def test_the_table_changes_nothing_of_what_a_study_is(study):
-    with_table, without = read(study, TUNE), read(study, "")
-    assert with_table.sha256 == without.sha256
-    assert (with_table.tuning is None, without.tuning is None) == (False, True)
-
-
 def test_days_to_try_it_on_are_labels_or_a_boundary(study):
     table = "[tune]\nsearch = { kp = [0.01, 0.1] }\nholdout = "
     asked = read(study, table + "[1]").tuning

@@ -19,15 +19,12 @@ from helpers.advice_checks import (
 import fastcoil as fc
 from fastcoil.design.advice import (
     AS_IS,
-    Cure,
     Option,
     _hunts_in_part,
     advise,
     cures_of,
-    options_of,
     swings_at,
     verdict,
-    with_cures,
 )
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import nearest_linear, predict
@@ -89,11 +86,6 @@ def test_one_option_is_recommended_and_the_sentence_names_it(options, best, word
     assert words in found.text
 
 
-def test_a_loop_that_does_not_hold_its_set_point_is_not_left_alone():
-    assert advise([QUIET, option("action", 0.1)], holds=False).text.startswith("Do this: words of action")
-    assert advise([QUIET, option("simc", 0.4)], holds=False).text == "None of these makes it hold its set-point."
-
-
 def test_a_motor_that_chatters_is_calmed_at_a_larger_error_if_need_be():
     now, plain, inverse = QUIET._replace(chatters=True), option("no_inverse", 0.5), option("inverse", 0.3)
     found = advise([now, option("simc", 0.3)._replace(chatters=True), plain, inverse])
@@ -103,6 +95,7 @@ def test_a_motor_that_chatters_is_calmed_at_a_larger_error_if_need_be():
     assert advise([now]).text == "None of these stops the chatter."
 
 
+@pytest.mark.kernel
 def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_ends_it():
     found = fc.explain(fc.Loop.preset("lbnl").assign(backlash_estimate=0.08, noise_std=0.05), DAY)
     assert found.answer.startswith("This loop will not hunt, but its motor chatters, ")
@@ -111,33 +104,14 @@ def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_en
     assert "chatters" not in fc.explain(followed(found), DAY).answer
 
 
-def test_an_error_that_nobody_sees_is_left_alone():
-    assert (
-        advise([option(AS_IS, 0.009), option("simc", 0.001)], least=0.01).text == "Leave it: its error is below 0.01 K."
-    )
-
-
+@pytest.mark.kernel
 def test_simc_does_not_depend_on_the_gains_that_a_loop_has():
     gains = [fc.explain(FAST.assign(kp=kp, ti=ti), DAY).cures.sel(cure="simc") for kp, ti in ((0.003, 200), (0.1, 8))]
     assert float(gains[0].kp) == float(gains[1].kp)
     assert float(gains[0].ti) == float(gains[1].ti)
 
 
-def test_a_cure_that_could_not_be_simulated_has_no_error():
-    names = {
-        "words": ["a", "b"],
-        "rmse": [0.4, 0.1],
-        "motor_travel": [1, 1],
-        "hunting": [1, 0],
-        "margin": [2, 0.1],
-        "chatters": [0, 0],
-    }
-    ds = xr.Dataset({name: ("cure", values) for name, values in names.items()}, {"cure": [AS_IS, "simc"]})
-    options = options_of(ds.assign(status=("cure", [0, 2])))
-    assert verdict(*options) == "failed"
-    assert advise(options).best == 0
-
-
+@pytest.mark.kernel
 @pytest.mark.parametrize(
     "change",
     [{}, {"command_resolution": 0.001}, {"sensor_resolution": 0.05}, {"neutral_zone": 0.01}, {"estimator": "identify"}],
@@ -151,6 +125,7 @@ def test_gains_are_among_the_cures_whatever_theory_knows_and_stop_the_hunting(ch
     assert fc.simulate(FAST.assign(**change, kp=kp, ti=ti), DAY, n_jobs=1).hunts == 0
 
 
+@pytest.mark.kernel
 def test_gains_that_only_the_simulation_finds_are_proposed():
     """With the dead band of this loop even SIMC hunts."""
     loop = random_loop(47)
@@ -160,6 +135,7 @@ def test_gains_that_only_the_simulation_finds_are_proposed():
     assert not fc.simulate(loop.assign(kp=[kp, 1.35 * kp], ti=ti), DAY, n_jobs=1).hunts.any(), "nor with a larger kp"
 
 
+@pytest.mark.kernel
 def test_a_law_that_hunts_whatever_kp_and_ti_say_is_compared_with_the_pi():
     found = fc.explain(fc.Loop.preset("lbnl").assign(law=integrate, ki=0.01), DAY)
     assert found.hunts
@@ -168,21 +144,13 @@ def test_a_law_that_hunts_whatever_kp_and_ti_say_is_compared_with_the_pi():
     assert f"Do this: the PI in place of this law, kp {kp:g} 1/K, ti {ti:g} s: RMSE -" in found.advice
 
 
+@pytest.mark.kernel
 @pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
 def test_a_valve_that_acts_the_wrong_way_round_is_turned():
     found = fc.explain(fc.Loop.preset("lbnl").assign(action="heating"), DAY)
     assert "opening it cools the air, so give action = cooling." in found.why
     assert found.predicted is None
     assert "Do this: action = cooling, SIMC: kp 0.029 1/K, ti 46 s: RMSE -" in found.advice
-
-
-def test_each_cure_changes_its_own_parameters_only():
-    cures = [Cure(AS_IS, "", {}), Cure("a", "", {"kp": 0.01}), Cure("b", "", {"plant_gain": 20.0, "buffer_swing": 0.1})]
-    swept = with_cures(fc.Loop(kp=0.05, buffer_ratio=6.0), cures)
-    assert swept["kp"].values.tolist() == [0.05, 0.01, 0.05]
-    assert swept["buffer_swing"].values.tolist() == [0.0, 0.0, 0.1]
-    assert swept.sizes == {"cure": 3}
-    assert with_cures(fc.Loop(), cures[:1]) == fc.Loop()
 
 
 def test_what_the_loop_has_already_is_no_cure():
@@ -222,9 +190,7 @@ def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted(swing
 
 @pytest.mark.kernel
 @pytest.mark.filterwarnings("ignore:action = ")
-@pytest.mark.parametrize(
-    "seeds", [*(range(k, k + 4) for k in range(0, 20, 4)), pytest.param(range(20, 500), marks=pytest.mark.full)]
-)
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 500), marks=pytest.mark.full)])
 def test_nothing_that_is_said_of_a_loop_contradicts_the_simulation_or_itself_nor_what_is_said_once_it_is_followed(
     seeds,
 ):
@@ -239,7 +205,7 @@ def test_nothing_that_is_said_of_a_loop_contradicts_the_simulation_or_itself_nor
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 500), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(5), pytest.param(range(5, 500), marks=pytest.mark.full)])
 def test_what_a_log_says_does_not_contradict_itself_and_its_gains_stop_the_hunting_of_all_but_one_in_a_hundred(seeds):
     found = {seed: contradictions_of_log(random_loop(seed)) for seed in seeds}
     wrong = {seed: of_seed for seed, of_seed in found.items() if of_seed}

@@ -85,19 +85,6 @@ def test_a_loop_that_does_not_hunt_reports_how_far_it_is(quiet):
     assert math.isnan(quiet.period)
 
 
-def test_an_estimate_that_is_given_as_a_ratio_stays_the_estimate_of_the_loop():
-    loop = LBNL.assign(estimate_ratio=0.9)
-    found = explain(loop, DAY)
-    assert float(found.cures["rmse"][0]) == float(fc.simulate(loop, DAY, n_jobs=1)["rmse"])
-    assert found.cures["backlash_estimate"].values[0] == pytest.approx(0.063)
-
-
-def test_a_second_is_explained_by_its_own_conditions():
-    found = explain(LBNL, DAY, at=4000)
-    assert found.points.sizes == {"point": 1}
-    assert float(found.points["T_set"][0]) == DAY.series["T_set"][0, 4000]
-
-
 @pytest.mark.filterwarnings("ignore:T_set is 3 degC at best")
 def test_where_theory_cannot_tell_it_says_why_and_the_simulation_answers():
     found = explain(LBNL.assign(estimator="gradient"), DAY)

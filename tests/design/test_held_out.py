@@ -81,8 +81,3 @@ def test_one_or_two_valves_are_tried_on_other_days_only(days):
 )
 def test_days_that_hold_nothing_out_are_refused(days, holdout, words):
     assert words in only_problem(split, fc.Loop(), days, holdout, 0)
-
-
-def test_a_single_day_is_refused_with_the_cure(days):
-    problem = only_problem(split, fc.Loop(), fc.paper_day(hours=0.1), None, 0)
-    assert "none is left to tune on: give several, such as paper_day(seed=[1, 2, 3])" in problem

@@ -66,14 +66,6 @@ def test_without_at_the_means_of_the_enabled_seconds_after_the_warm_up_count():
         np.testing.assert_allclose(mean[name], alone[name], rtol=1e-6, err_msg=name)
 
 
-def test_everything_says_what_it_is(found):
-    for name, variable in found.data_vars.items():
-        assert variable.attrs["long_name"], name
-        assert "units" in variable.attrs or name in ("A", "B"), name
-    assert found.frequency.attrs["units"] == "rad s-1"
-    assert found.kp.attrs["units"] == "K-1"
-
-
 def test_phase_and_magnitude_are_those_of_the_response(sweep, days):
     """Far apart on the axis, the phase still has no jumps: from 180° of a cooling coil on downwards."""
     w = np.array([1e-5, 2.0])

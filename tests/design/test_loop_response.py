@@ -57,12 +57,6 @@ def test_open_loop_and_margins_are_those_of_python_control(name, sampling):
     assert margins.phase_margin[0] == pytest.approx(phase, abs=0.3)
 
 
-def test_a_faster_controller_than_it_samples_has_no_response():
-    columns, found = plants("wet, lagged", sample_time=30)
-    L = loop_response(columns, found, np.array([0.01, np.pi / 30, np.pi / 29]))
-    np.testing.assert_array_equal(np.isnan(L[0]), [False, False, True])
-
-
 def test_the_gap_opens_the_valve_faster_behind_it():
     w = np.array([0.001, 0.03])
     plain = loop_response(*plants("wet, lagged"), w)

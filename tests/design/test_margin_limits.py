@@ -53,7 +53,3 @@ def test_loops_without_a_margin_are_refused(population, change, search, words):
     problem = only_problem(plan_tuning, loop.assign(**change), days, search=search, limits={"margin": 0.8}, **HOW)
     assert problem.startswith("limits: margin: theory has none")
     assert words in problem
-
-
-def test_a_margin_is_no_objective(population):
-    assert ": choose " in only_problem(plan_tuning, *population, search={"kp": (0.01, 0.1)}, objective="margin", **HOW)

@@ -41,12 +41,6 @@ def test_a_limit_counts_by_how_much_it_is_broken_of_itself():
     assert violation(limits, values).tolist() == [0.0, 0.5, 0.25]
 
 
-def test_names_say_metric_and_share():
-    assert Measure("rmse", 0.95).name == "rmse_p95"
-    assert Measure("rmse", 0.975).name == "rmse_p97_5"
-    assert Measure("hunts", None).name == "hunts_mean"
-
-
 def test_travel_and_hunting_are_always_reported_and_an_error_beside_the_travel():
     assert [m.name for m in reported(Measure("iae", 0.9), [])] == ["iae_p90", "motor_travel_p90", "hunts_mean"]
     limited = [Limit(Measure("motor_travel", None), 3.0), Limit(Measure("hunts", 0.9), 0.0)]
@@ -66,11 +60,6 @@ def test_travel_and_hunting_are_always_reported_and_an_error_beside_the_travel()
 )
 def test_an_objective_must_be_a_metric_of_which_less_is_better(objective, words):
     assert words in only_problem(goal_of, objective, 0.95)
-
-
-@pytest.mark.parametrize("quantile", [0, 1.5, "median", True, math.nan])
-def test_a_quantile_must_be_a_share_or_the_mean(quantile):
-    assert "give a share of valves and days" in only_problem(goal_of, "rmse", quantile)
 
 
 @pytest.mark.parametrize(

@@ -120,13 +120,6 @@ def test_equal_plants_are_found_once_and_their_order_does_not_matter():
     np.testing.assert_array_equal(shuffled.opening, found.opening[order])
 
 
-def test_a_plant_that_all_loops_share_takes_no_room_for_each():
-    columns, conditions = of(fc.Loop(kp=list(np.linspace(0.01, 0.1, 50))), fc.constant_day(0.6))
-    found = plants_of(columns, conditions)
-    assert found.response.shape[0] == 50
-    assert found.response.strides[0] == 0
-
-
 @pytest.mark.parametrize(
     ("name", "T_set", "opening"),
     [("wet, lagged", 3.0, 1.0), ("wet, lagged", 26.0, 0.0), ("heating", 70.0, 1.0), ("heating", 9.0, 0.0)],

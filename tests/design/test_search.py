@@ -49,13 +49,6 @@ def test_where_nothing_keeps_the_limits_the_least_broken_is_best():
     assert points[best(scores)][1] == pytest.approx(0.4, abs=0.02)
 
 
-def test_what_it_begins_with_is_tried_and_not_lost():
-    needle = np.array([[0.123, 0.456]])
-    points, scores = searched(lambda at: 1.0 - (at == needle).all(axis=1), nothing, 2, 60, 1, first=needle)
-    assert (points[0] == needle).all()
-    assert best(scores) == 0
-
-
 def test_the_same_seed_goes_the_same_way_and_another_one_another():
     of_seeds = [searched(lambda at: at.sum(axis=1), nothing, 2, 100, seed)[0] for seed in (3, 3, 4)]
     assert np.array_equal(of_seeds[0], of_seeds[1])

@@ -85,17 +85,6 @@ def test_intervals_hold_the_value_and_vary_with_the_valves(found):
         assert (low < high).all()
 
 
-def test_one_valve_on_one_day_has_no_interval(days):
-    how = HOW | {"holdout": [3], "n_jobs": 1}
-    tuned = fc.tune(fc.Loop(backlash=0.05), days, search={"kp": (0.01, 0.1)}, evaluations=8, **how)
-    assert np.isnan(tuned.held_out.rmse_p95.sel(edge=["low", "high"])).all()
-    assert np.isfinite(tuned.trained.rmse_p95).all(), "two days"
-    assert "for other valves and days" not in "\n".join(tuned.summary())
-    assert any("so none is held out, only days" in note for note in tuned.notes)
-    assert not any("beyond chance" in note for note in tuned.notes)
-    assert tuned.plot().axes
-
-
 def test_simc_stands_beside_with_the_gains_of_every_valve(loop, days, found):
     group = plan_tuning(loop, days, search=SEARCH, **HOW).training
     days = group.boundary
@@ -141,11 +130,6 @@ def test_limits_that_nothing_keeps_are_said_and_nothing_is_recommended(loop, day
     assert read_includes({"include": ["tuning.toml"]}, tmp_path) == {}
 
 
-def test_what_was_chosen_can_be_included_in_a_study(found, tmp_path):
-    found.to_toml(tmp_path / "tuning.toml")
-    assert read_includes({"include": ["tuning.toml"]}, tmp_path) == found.parameters
-
-
 def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the_hold_out(found):
     settings = f"kp = {found.parameters['kp']!r} 1/K, ti = {found.parameters['ti']!r} s"
     change = float(found.held_out.change.sel(tuning="chosen", edge="value"))
@@ -157,21 +141,6 @@ def test_the_advice_is_to_change_only_what_is_better_and_keeps_its_limits_on_the
     for one in (tight, worse, dataclasses.replace(found, meets_limits=False)):
         assert one.advice.startswith("Leave it: ")
         assert settings not in one.advice
-
-
-def test_an_objective_that_no_tuning_has_is_refused(days):
-    with pytest.raises(fc.InputError, match="objective = 'learn_time_reached'"):
-        fc.tune(
-            fc.Loop(), days, search={"kp": (0.01, 0.02)}, objective="learn_time_reached", evaluations=8, n_jobs=1, **HOW
-        )
-
-
-def test_the_figure_names_both_axes_and_every_tuning(found):
-    (axes,) = found.plot().axes
-    assert axes.get_xlabel() == "motor travel, strokes, 95 % quantile"
-    assert axes.get_ylabel() == "RMS error [K], 95 % quantile"
-    legend = {text.get_text() for text in axes.get_legend().get_texts()}
-    assert {"now, held out", "chosen, held out", "SIMC, held out", "limit"} <= legend
 
 
 def test_settings_beside_the_gains_are_tuned_and_whole_ones_stay_whole(days):

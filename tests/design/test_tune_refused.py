@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.refusals import only_problem, problems
+from helpers.refusals import only_problem
 
 import fastcoil as fc
 from fastcoil.design.tuning_plan import axes_of
@@ -72,16 +72,3 @@ def test_axes_are_logarithmic_where_their_ends_are_positive_and_far_apart():
 def test_every_mistake_is_reported_in_a_sentence(days, change, words):
     arguments = {"loop": fc.Loop(), "boundary": days, "search": {"kp": (0.01, 0.1)}} | change
     assert words in only_problem(fc.tune, **arguments)
-
-
-def test_mistakes_are_reported_together(days):
-    found = problems(
-        fc.tune, fc.Loop(), days, search={"kpp": (1, 2)}, objective="x", limits={"y": 1}, holdout=[9], evaluations=0
-    )
-    assert len(found) == 5
-
-
-def test_settings_that_cannot_be_together_are_refused_before_anything_runs(days):
-    loop = fc.Loop(backlash_estimate=0.1, learning_step=0.01)
-    found = only_problem(fc.tune, loop, days, search={"learning_cap": (0.05, 0.25)})
-    assert "learning_cap" in found

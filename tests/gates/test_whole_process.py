@@ -7,10 +7,9 @@ import stat
 import tempfile
 from pathlib import Path
 
-import psutil
 import pytest
-from helpers.processes import kill_group, started, wait_for
-from helpers.studies import PLAIN, TRACED, copied, golden, run
+from helpers.processes import wait_for
+from helpers.studies import TRACED, copied, run
 
 import fastcoil as fc
 from fastcoil.base.errors import EXIT_INPUT, EXIT_INTEGRITY, EXIT_STORAGE
@@ -41,53 +40,6 @@ def test_open_files_and_threads_do_not_grow(out, short, times):
     before = taken()
     use(times)
     wait_for(lambda: taken() <= before, within=5)  # a thread needs a moment to end
-
-
-def in_group(leader):
-    """Living processes of a process group."""
-    return [p for p in psutil.process_iter() if living_in(p, leader)]
-
-
-def living_in(process, leader):
-    try:
-        return os.getpgid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE
-    except (OSError, psutil.NoSuchProcess):  # gone while it was looked at
-        return False
-
-
-SCRIPT = """
-import sys
-from pathlib import Path
-import fastcoil as fc
-from helpers.processes import children
-if __name__ == "__main__":
-    ds = fc.run_study("small.toml", "out", n_jobs=2, backend=sys.argv[1])
-    left = [p.cmdline() for p in children().values()] if sys.argv[1] == "threads" else []
-    print(ds.attrs["content_sha256"], left)
-"""
-"""A program that runs a study; the workers of the other backends end with it."""
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("backend", ["threads", "loky"])
-def test_a_program_that_runs_a_study_leaves_no_process_and_no_file(tmp_path, backend):
-    (tmp_path / "small.toml").write_text(PLAIN)
-    (tmp_path / "program.py").write_text(SCRIPT)
-    temporary, shared = tmp_path / "temporary", Path("/dev/shm")
-    temporary.mkdir()
-    in_memory = set(os.listdir(shared)) if shared.exists() else set()
-    program = started("program.py", backend, cwd=tmp_path, TMPDIR=str(temporary))
-    try:
-        said, err = program.communicate(timeout=100)
-        wait_for(lambda: not in_group(program.pid), within=5)
-    finally:
-        kill_group(program)
-    assert program.returncode == 0, err
-    assert said.split() == [golden(PLAIN), "[]"]
-    assert list(temporary.rglob("*")) == []
-    if shared.exists():
-        assert [n for n in set(os.listdir(shared)) - in_memory if "joblib" in n or "loky" in n] == []
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "program.py", "small.toml", "temporary"]
 
 
 @pytest.mark.parametrize("mask", [0o027, pytest.param(0o002, marks=pytest.mark.full)], ids=oct)

@@ -137,6 +137,7 @@ def base_calls(tmp_path_factory):
     traced = fc.simulate(fc.Loop(backlash=[0.02, 0.07], learning_step=0.01), day, warm_up=60, traces=seen)
     worn, panels = fc.Loop(backlash=[0.02, 0.07]), Figure().subplots(4)
     predicted = fc.limit_cycle(worn, day, at=10)
+    stated = fc.linearise(loop, day, at=10, state_space=True)
     swings = fc.simulate(worn, day, warm_up=60, traces=seen)
     return {
         "Boundary": (fc.Boundary, series),
@@ -172,6 +173,7 @@ def base_calls(tmp_path_factory):
         "law": (fc.law, rule),
         "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),
         "linearise": (fc.linearise, {"loop": loop, "boundary": day, "at": [10, 20], "frequency": [0.01, 0.1]}),
+        "to_control": (fc.to_control, {"linearised": stated, "loop": loop}),
         "nyquist": (fc.nyquist, {"loop": loop, "boundary": day, "at": 10}),
         "open_study": (fc.open_study, {"folder": out}),
         "parameter": (fc.parameter, {"default": 1.0}),
@@ -185,6 +187,7 @@ def base_calls(tmp_path_factory):
         "replay": (fc.replay, {"loop": loop, "log": recorded}),
         "report": (fc.report, {"what": out}),
         "run_study": (fc.run_study, {"path": toml, "out": out}),
+        "sample": (fc.sample, {"size": 4, "kp": {"uniform": [0.01, 0.05]}}),
         "simulate": (fc.simulate, {"loop": loop, "boundary": day, "warm_up": 60, "n_jobs": 1}),
         "sobol_indices": (fc.sobol_indices, {"ds": sampled}),
         "survey": (fc.survey, {"logs": {"valve": hunting}, "n_jobs": 1}),
@@ -238,7 +241,7 @@ def test_every_public_function_has_a_base_call(base_calls):
         assert set(parameters(base[0])) == set(parameters(public_calls()[name]))
 
 
-@pytest.mark.parametrize("n", [400, pytest.param(None, marks=pytest.mark.full)])
+@pytest.mark.parametrize("n", [150, pytest.param(None, marks=pytest.mark.full)])
 def test_a_wrong_argument_gets_a_sentence(base_calls, n):
     """Of all functions, arguments and wrong values some at random, or all."""
     attacks = [

@@ -3,13 +3,12 @@
 It starts no thread itself, so that a fork is safe.  Loads the modules that its arguments name.  Reads a JSON object per
 line: {"text": …, "folder": …, "extend": …, "kill_before": n or null, "of": name of the operations that count (all of
 them without it), "kill_after": seconds or null, "limits": {…}, "arguments": words of the command line, instead of a run
-by ``execute``, "calls": see ``calls.watch``}, and answers with the exit code of the child (negative: a signal) and the
-number of operations on files that it began, or of the watched calls.
+by ``execute``}, and answers with the exit code of the child (negative: a signal) and the number of operations on files
+that it began.
 """
 
 import importlib
 import json
-import mmap
 import os
 import resource
 import signal
@@ -17,21 +16,19 @@ import sys
 import tempfile
 import time
 from concurrent.futures import Future
-from contextlib import ExitStack
 from pathlib import Path
 
 from fastcoil.base.errors import FastcoilError
 from fastcoil.loops.plan import Shard
 from fastcoil.study import run as runner
 from fastcoil.study.workers import Job, run_scenarios
-from helpers import calls
 from helpers.failing_files import Nth, operations
 from helpers.studies import TRACED, run, write_study
 
 _LONGEST = 60
 
 
-def child(order: dict, counted: int, seen: mmap.mmap) -> int:
+def child(order: dict, counted: int) -> int:
     """Run as ordered; returns the exit code."""
     signal.alarm(_LONGEST)
     folder = Path(order["folder"])
@@ -50,11 +47,7 @@ def child(order: dict, counted: int, seen: mmap.mmap) -> int:
         os.write(counted, b".")
         nth(name)
 
-    with ExitStack() as watching:
-        if "calls" in order:
-            calls.watch(order["calls"], seen)
-        else:
-            watching.enter_context(operations(folder, before))
+    with operations(folder, before):
         if "arguments" in order:
             from fastcoil.__main__ import run as run_command
 
@@ -102,11 +95,9 @@ def main() -> None:
     warm_up()
     for name in sys.argv[1:]:
         importlib.import_module(name)
-    seen = mmap.mmap(-1, mmap.PAGESIZE)  # shared with the children
     print("ready", flush=True)
     for line in sys.stdin:
         order = json.loads(line)
-        seen[:8] = bytes(8)
         reading, counted = os.pipe()
         pid = os.fork()
         if not pid:
@@ -116,7 +107,7 @@ def main() -> None:
                 log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
                 os.dup2(log, 1)
                 os.dup2(log, 2)
-                code = child(order, counted, seen)
+                code = child(order, counted)
             except SystemExit as end:
                 code = end.code or 0
             except BaseException:
@@ -132,8 +123,6 @@ def main() -> None:
             os.kill(pid, signal.SIGKILL)  # it is not reaped yet: nobody else has its number
         with os.fdopen(reading, "rb") as pipe:
             done = len(pipe.read())
-        if "calls" in order:
-            done = int.from_bytes(seen[:8], sys.byteorder)
         _, status = os.waitpid(pid, 0)
         print(json.dumps([os.waitstatus_to_exitcode(status), done]), flush=True)
     os._exit(0)  # to take everything down by the rules would last a second

@@ -37,10 +37,10 @@ def look(folder: Path, golden: str) -> float:
     return float(ds["T_sup"].sum()) + float(np.sum(ds["mode"].values))
 
 
-def run_in_four_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL_FULL") else 1) -> None:
-    """Four threads run studies into folders of their own, while others look at these and at a finished one."""
+def run_in_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL_FULL") else 1) -> None:
+    """Three threads run studies into folders of their own, while others look at these and at a finished one."""
     golden = fc.run_study(study(folder), folder / "one", n_jobs=1).attrs["content_sha256"]
-    targets = [folder / f"out{k}" for k in range(4 * times)]
+    targets = [folder / f"out{k}" for k in range(3 * times)]
     done = threading.Event()
 
     def poll(k: int) -> int:
@@ -52,8 +52,8 @@ def run_in_four_threads(folder: Path, times: int = 2 if os.environ.get("FASTCOIL
             gc.collect()
         return seen
 
-    with ThreadPoolExecutor(7) as pool:
-        looking = [pool.submit(poll, k) for k in range(3)]
+    with ThreadPoolExecutor(5) as pool:
+        looking = [pool.submit(poll, k) for k in range(2)]
         try:
             running = [pool.submit(fc.run_study, study(folder), out, n_jobs=1) for out in targets]
             assert {run.result().attrs["content_sha256"] for run in running} == {golden}
@@ -74,7 +74,7 @@ def run_inside_an_event_loop(folder: Path, backend: str) -> None:
 
 
 PROGRAMS = {
-    "run": run_in_four_threads,
+    "run": run_in_threads,
     **{f"{b} in a loop": lambda f, b=b: run_inside_an_event_loop(f, b) for b in ("threads", "loky")},
 }
 

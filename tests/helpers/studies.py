@@ -93,7 +93,7 @@ def run_until_stopped(study: Study, folder: Path, after: int, **options: Any) ->
             raise KeyboardInterrupt
 
     try:
-        runner.execute(study, folder, n_jobs=1, progress=lambda _: advance, **options)
+        runner.execute(study, folder, n_jobs=1, progress=lambda *_: advance, **options)
     except KeyboardInterrupt:
         return sum(done)
     raise AssertionError("the study was finished before it was interrupted")

@@ -1,5 +1,6 @@
 """Metadata of the project: what the wheel holds, and how it is cited."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -25,7 +26,7 @@ def test_the_citation_agrees_with_the_project():
     assert {"cff-version", "message", "title", "authors", "type", "abstract", "keywords"} <= citation.keys()
     project = PYPROJECT["project"]
     assert (citation["version"], citation["license"]) == (fc.__version__, project["license"])
-    assert project["dynamic"] == ["version"]
+    assert "version" in project["dynamic"]
     assert PYPROJECT["tool"]["hatch"]["version"]["path"] == "fastcoil/base/machine.py"
     assert citation["authors"] == project["authors"]
     (paper,) = citation["references"]
@@ -38,3 +39,74 @@ def test_a_release_date_stands_in_the_citation_once_the_version_is_released():
     assert next(line for line in changes.splitlines() if line.startswith("## ")).split()[1] == fc.__version__
     released = f"## {fc.__version__} (unreleased)" not in changes
     assert ("date-released:" in (ROOT / "CITATION.cff").read_text()) == released
+
+
+def rendered_readme():
+    """The README as a package index gets it."""
+    pytest.importorskip("hatch_fancy_pypi_readme")
+    metadata = pytest.importorskip("hatchling.metadata.core")
+    from hatchling.plugin.manager import PluginManager
+
+    project = metadata.ProjectMetadata(str(ROOT), PluginManager())
+    assert project.core.readme_content_type == "text/markdown"
+    return project.core.readme, project
+
+
+def test_the_readme_of_the_package_links_to_nothing_that_is_not_there():
+    text, project = rendered_readme()
+    links = re.findall(r"\]\(([^)]*)\)", text) + re.findall(r"^\[[^\]]+\]: (\S+)", text, re.MULTILINE)
+    assert links
+    assert not [link for link in links if not link.startswith("https://")]
+    assert "](" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "is it the valve?" in text
+    assert "<img" not in text
+    assert project.version == fc.__version__
+
+
+def test_the_conda_recipe_agrees_with_the_project():
+    yaml = pytest.importorskip("yaml")
+    text = (ROOT / "packaging/conda/recipe/meta.yaml").read_text(encoding="utf-8")
+    assert f'{{% set version = "{fc.__version__}" %}}' in text
+    recipe = yaml.safe_load(re.sub(r"{%.*?%}", "", text).replace("{{", "").replace("}}", ""))
+    renamed = {"netcdf4": "netCDF4", "matplotlib-base": "matplotlib", "python-tzdata": "tzdata"}
+    wanted = dict(one.split(" ") for one in recipe["requirements"]["run"])
+    assert wanted.pop("python") == PYPROJECT["project"]["requires-python"]
+    declared = dict(re.match(r"([\w-]+)([^;]*)", one).groups() for one in PYPROJECT["project"]["dependencies"])
+    assert {renamed.get(name, name): bounds for name, bounds in wanted.items()} == declared
+    built_with = {one.replace(" ", "") for one in recipe["requirements"]["host"]}
+    assert set(PYPROJECT["build-system"]["requires"]) < built_with
+    assert recipe["about"]["summary"] == PYPROJECT["project"]["description"]
+    (entry,) = recipe["build"]["entry_points"]
+    assert dict([entry.split(" = ")]) == PYPROJECT["project"]["scripts"]
+
+
+def test_the_workflow_runs_what_the_classifiers_promise():
+    yaml = pytest.importorskip("yaml")
+    paths = list((ROOT / ".github" / "workflows").glob("*.yml"))
+    assert paths
+    for path in paths:
+        flow = yaml.safe_load(path.read_text(encoding="utf-8"))
+        assert {"name", True, "jobs", "permissions"} <= flow.keys()  # YAML reads `on` as true
+        for job in flow["jobs"].values():
+            assert job["runs-on"]
+            assert all(("uses" in step) != ("run" in step) for step in job["steps"])
+            assert job["steps"][0]["uses"].startswith("actions/checkout@")
+    matrix = yaml.safe_load((ROOT / ".github/workflows/tests.yml").read_text())["jobs"]["tests"]["strategy"]["matrix"]
+    classifiers = PYPROJECT["project"]["classifiers"]
+    minor = [c.split(" :: ")[-1] for c in classifiers if re.search(r":: 3\.\d+$", c)]
+    assert matrix["python"] == minor
+    assert PYPROJECT["project"]["requires-python"] == f">={minor[0]}"
+    systems = {"ubuntu": "POSIX :: Linux", "windows": "Microsoft :: Windows", "macos": "MacOS"}
+    assert {f"Operating System :: {systems[name.partition('-')[0]]}" for name in matrix["os"]} == {
+        c for c in classifiers if c.startswith("Operating System")
+    }
+
+
+def test_the_constraints_name_one_version_of_every_dependency_that_it_allows():
+    from packaging.requirements import Requirement
+    from packaging.version import Version
+
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(line.split("==") for line in lines if not line.startswith("#"))
+    for one in map(Requirement, PYPROJECT["project"]["dependencies"]):
+        assert one.specifier.contains(Version(pinned[one.name.lower()])), one

@@ -2,13 +2,11 @@
 
 import time
 
-import numpy as np
 import pytest
 from helpers.refusals import only_problem, problems
 
 import fastcoil as fc
 from fastcoil.logs import table as layout
-from fastcoil.logs.pieces import MOST_SECONDS
 
 HEADER = ["elapsed_time [s]", "m_a [kg/s]", "T_a_in [degC]", "W_a_in", "T_w_in [degC]", "T_set [degC]"]
 ROW = [1.1, 25, 0.01, 7, 14]
@@ -24,12 +22,6 @@ def test_a_time_a_million_times_too_large_is_refused_before_it_fills_the_memory(
         "check the unit of the time, or give hours"
     )
     assert time.monotonic() - start < 5.0
-
-
-def test_the_longest_record_is_read_where_hours_are_given(write):
-    path = write(HEADER, [[MOST_SECONDS * k, *ROW] for k in range(3)])
-    assert f"at most {MOST_SECONDS:,} s can be read" in only_problem(fc.Boundary.from_csv, path, **UNIT)
-    assert fc.Boundary.from_csv(path, **UNIT, hours=1).n_steps == 3600
 
 
 @pytest.mark.parametrize("time_of_last", ["1e308", "-1e308", "1e11"])
@@ -51,36 +43,3 @@ def test_too_many_cells_are_refused_while_they_are_read(write, monkeypatch):
     assert "has more than 100 cells: leave out columns, or cut it into parts" in only_problem(
         fc.Boundary.from_csv, path
     )
-
-
-def test_thousands_of_unknown_columns_take_no_minutes(write):
-    path = write([f"T_a_i{k}" for k in range(9_999)], [range(9_999)] * 2)
-    start = time.monotonic()
-    found = problems(fc.Boundary.from_csv, path)
-    assert time.monotonic() - start < 15.0
-    assert max(map(len, found)) < 500
-
-
-@pytest.mark.parametrize("header", ["T_set [" + "C" * 100_000 + "]", "a" + " " * 100_000 + "b", "[" * 100_000])
-def test_a_header_without_end_is_cut_and_takes_no_minutes(write, header):
-    path = write([*HEADER[:-1], header], [[60 * k, *ROW] for k in range(3)])
-    start = time.monotonic()
-    assert max(map(len, problems(fc.Boundary.from_csv, path, **UNIT))) < 500
-    assert max(map(len, problems(fc.Boundary.from_csv, path, columns={"T_set": header}))) < 500
-    assert time.monotonic() - start < 10.0
-
-
-def test_a_cell_without_end_is_cut(write):
-    for row in (["x" * 100_000, *ROW], [0, "x" * 100_000, *ROW[1:]]):
-        path = write(["timestamp" if row[0] else HEADER[0], *HEADER[1:]], [row, row])
-        assert max(map(len, problems(fc.Boundary.from_csv, path, **UNIT))) < 500
-
-
-def test_a_year_of_days_that_start_each_day_does_not_fill_the_memory(write):
-    hours = np.arange(1, 8785)
-    path = write(["hour_of_year", "T_drybulb_C", "T_dewpoint_C"], [[h, 20, 10] for h in hours])
-    from fastcoil.loops.boundary.weather import weather_day
-
-    day = {"m_a": 1, "T_w_in": 7, "T_set": 14, "outdoor_fraction": 0.3, "T_return": 24, "RH_return": 0.5}
-    problem = only_problem(weather_day, path, **day, hours=2000, days=list(range(1, 201)), hour=1)
-    assert problem == "days: 200 days of 7,200,000 s each: give 50,000,000 s in all, fewer days or hours"

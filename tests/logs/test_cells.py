@@ -160,28 +160,6 @@ def test_a_column_of_status_marks_the_values_of_its_row(tmp_path):
     assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
 
 
-def test_of_two_columns_of_status_each_is_for_the_value_on_its_left(tmp_path):
-    status = ["good"] * 7 + ["down"] + ["good"] * (ROWS - 8)
-    header = ("timestamp", "command [%]", "Status", "T_sup [degC]", "Status")
-    log = read(tmp_path, text_of(rows(ISO, COMMAND, ["ok"] * ROWS, T_SUP, status), header), drop=True)
-    np.testing.assert_allclose(log.values["command"], COMMAND / 100)
-    assert np.flatnonzero(np.isnan(log.values["T_sup"])).tolist() == [7]
-
-
-@pytest.mark.parametrize("cells", [range(ROWS), ["alarm"] * 3 + [""] * (ROWS - 3)])
-def test_another_column_that_is_called_status_is_an_unknown_one(tmp_path, cells):
-    text = text_of(rows(ISO, COMMAND, T_SUP, cells), (*HEADER, "Status"))
-    assert "unknown columns: 'Status': rename" in only_problem(read, tmp_path, text)
-
-
-@pytest.mark.parametrize(
-    ("unit", "units", "known"),
-    [("°C", TEMPERATURE, "degC"), ("l/s", WATER_FLOW, "L/s"), ("GPM", WATER_FLOW, "gpm"), ("CFM", AIR_FLOW, "cfm")],
-)
-def test_a_unit_is_understood_in_any_case_and_with_a_degree_sign(unit, units, known):
-    assert spelled("x", unit, units) == known
-
-
 @pytest.mark.parametrize(
     ("unit", "units", "hint"),
     [

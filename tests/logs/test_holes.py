@@ -51,13 +51,6 @@ def test_commands_and_switches_are_held_over_a_missing_value(write):
     assert "1 missing value of command bridged: held (first in row 5)" in log.notes
 
 
-def test_uneven_times_are_bridged_at_their_time(write):
-    rows = cells()
-    rows[4][0] = 220  # 40 s after the row before, 80 s before the next
-    rows[4][2] = ""
-    assert read(write, rows).values["m_a"][4] == pytest.approx(1.3 + 0.2 / 3)
-
-
 def test_a_missing_measured_value_is_left_out_of_its_column_alone(write):
     rows = cells()
     rows[4][4] = rows[5][4] = ""
@@ -95,15 +88,6 @@ def test_nothing_is_bridged_over_gaps_jumps_and_batches(write):
     assert read(write, back, jumps="split").time.size == 11
     batches = [[*r, k // 5] for k, r in enumerate(rows)]
     assert read_log(write([*HEADER, "batch"], batches), WANTED, Reading(drop=True)).time.size == 11
-
-
-@pytest.mark.parametrize("wrong", ["off", "1.7e3", "-0.9"])
-def test_a_wrong_value_still_costs_its_row(write, wrong):
-    rows = cells()
-    rows[4][2] = wrong
-    log = read(write, rows)
-    assert log.time.size == 11
-    assert log.notes == ["1 row left out: m_a is no admissible number (first in row 6)"]
 
 
 def test_without_drop_missing_values_are_refused_with_the_cure(write):

@@ -105,16 +105,6 @@ def test_points_are_named_by_header_by_file_or_by_the_caller(point):
         assert header == ["timestamp", "command [1]", "m_w [kg s-1]", "T_sup [degC]"]
 
 
-def test_columns_of_remarks_and_status_are_no_points(point):
-    values = [f"{{ }},{{{'down' if k == 20 else 'ok'}}},{k}" for k in range(40)]
-    path = point("command.csv", PERIODIC, values, "Timestamp,Trend Flags,Status,Value (%)", "%d-%b-%y %I:%M:%S %p")
-    text, notes = joined(path)
-    _, seconds, values = table_of(text)
-    np.testing.assert_allclose(values[:, 0], 0.01 * np.where(seconds // 60 == 21, 19, (seconds - 13) // 60))
-    assert "left alone: 'Trend Flags'" in notes
-    assert "command.csv: 1 row marked as bad by the column 'Status' (first in row 22)" in notes
-
-
 def test_a_table_with_blanks_is_several_points(point, tmp_path):
     path = tmp_path / "history.csv"
     rows = ["Time,command [%],T_sup [degC],Zone"]
@@ -223,8 +213,3 @@ def test_bad_cells_are_refused_with_file_row_and_cure(point):
 def test_a_clock_that_would_fill_the_memory_is_refused(point):
     years = point("command.csv", 3e7 * np.arange(5), range(5), "Time,Value (%)")
     assert "raise --step" in only_problem(joined, years, step=1)
-
-
-def test_a_unit_of_a_point_that_no_file_has_is_refused(point):
-    said = only_problem(joined, point("command.csv", PERIODIC, range(40), "Timestamp,Value (%)"), units={"m_w": "L/s"})
-    assert said == "--unit m_w=L/s: no file has the point m_w"

@@ -19,10 +19,6 @@ def test_known_columns_that_are_not_wanted_are_ignored_and_a_column_beside_its_c
     assert "m_a and constant m_a are both given: leave one out" in message
 
 
-def changed(row, column, value):
-    return [[value if (i, k) == (row, column) else cell for k, cell in enumerate(r)] for i, r in enumerate(ROWS)]
-
-
 # ----------------------------------------------------------------------------------------------------------- unbroken
 
 
@@ -66,19 +62,3 @@ def test_a_constant_is_suggested_only_where_it_can_be_given(write):
     assert "constants={'W_a_in': NUMBER}, --constant W_a_in=NUMBER" in humidity
     assert "constant" not in supply  # what a sensor should show is no constant
     assert "constant" not in problems(read_log, path, wanted, Reading(has_command=True))[0]
-
-
-def test_of_many_unknown_columns_those_that_are_nearly_ours_come_first(write):
-    header = [*HEADER, "T_a_inn [degC]", *(f"point {i}" for i in range(27))]
-    header = [*header[:3], *header[:2:-1]]
-    said = only_problem(read_log, write(header, [[*row, *[1] * 28] for row in ROWS]), WANTED)
-    close = "unknown columns: 'T_a_inn [degC]', did you mean 'T_a_in'?; 'point 26'; 'point 25'; and 25 more: rename"
-    assert close in said
-    assert "columns={'m_a': 'its header', ...}" in said
-
-
-def test_a_column_that_was_asked_for_in_vain_is_reported_once(write):
-    message = only_problem(
-        read_log, write(HEADER[:2], [row[:2] for row in ROWS]), WANTED, Reading(columns={"T_a_in": "MAT"})
-    )
-    assert "T_a_in: there is no column 'MAT'" in message

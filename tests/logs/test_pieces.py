@@ -21,13 +21,6 @@ def test_held_series_keep_their_value_and_others_run_straight():
     np.testing.assert_array_equal(found["T_a_in"], [20, 21, 22, 23, 24, 23.5, 23])
 
 
-def test_a_sample_late_by_round_off_counts_for_its_second():
-    late = {"T_set": np.array([14.0, 15.0, 13.0])}
-    time = TIME + np.array([0.0, 5e-7, 0.0])
-    assert at_seconds(time, late, np.array([4.0]), hold=["T_set"])["T_set"] == 14.0
-    assert at_seconds(time, late, np.array([4.0]), hold=["T_set"], slack=1e-6)["T_set"] == 15.0
-
-
 def test_steps_of_less_than_a_second_are_refused():
     require_whole_seconds("log.csv", 0.999)
     message = only_problem(require_whole_seconds, "log.csv", 0.5)
@@ -101,15 +94,6 @@ def test_irregular_rows_that_are_not_of_changes_are_none(write, noise):
     assert log.n_batches > 1
 
 
-def test_uneven_rows_without_long_steps_are_none(write):
-    rng = np.random.default_rng(3)
-    times = np.cumsum(rng.choice([10, 30, 50], 200))
-    log = read_log(write(HEADER, [[t, 10 * (k // 20), 1 + k / 500] for k, t in enumerate(times)]), WANTED)
-    assert log.n_batches == 1
-    assert not log.change_of_value
-    assert not log.notes
-
-
 def test_values_of_a_log_of_changes_hold_in_a_boundary_and_in_a_coil_record(write):
     rows = [[t, c / 50, 25, 0.01, 7, 14 + c // 50, c / 50, 15 + c // 50] for t, c, _ in changes(hours=3)]
     names = ["m_a [kg/s]", "T_a_in [degC]", "W_a_in [1]", "T_w_in [degC]", "T_set [degC]", "m_w [kg/s]", "T_sup [degC]"]
@@ -123,12 +107,3 @@ def test_values_of_a_log_of_changes_hold_in_a_boundary_and_in_a_coil_record(writ
     log = read_log(path, Wanted(needed=("m_w", "m_a", "T_w_in", "T_a_in", "W_a_in", "T_sup"), measured=("T_sup",)))
     (piece,) = record_of(log, fc.Loop(), (), np.ones(log.time.size, dtype=bool)).pieces
     np.testing.assert_allclose(piece.series[:, 0], day.series["m_a"][0])
-
-
-@pytest.mark.full
-@pytest.mark.kernel
-def test_the_backlash_of_a_log_of_changes_is_found(write):
-    fit = fc.fit_valve(write(HEADER, changes(hours=5)))
-    low, high = fit.intervals["backlash"]
-    assert low < 0.09 < high
-    assert high - low < 0.02

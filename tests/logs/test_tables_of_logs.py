@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, saved, text_of, times
+from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, text_of, times
 from helpers.refusals import only_problem, problems
 
-from fastcoil.logs import read_log
-from fastcoil.logs.columns import Wanted
 from fastcoil.logs.table import label_and_unit
-
-MAPPED = {"columns": {"timestamp": "Time", "command": "Cmd", "T_sup": "SAT"}}
 
 
 @pytest.mark.parametrize(
@@ -26,15 +22,6 @@ def test_lines_before_the_header_are_left_out_and_said(tmp_path, before):
     header = before.count("\n") + 1  # as a spreadsheet numbers them
     assert log.rows[0] == header + 1
     assert any(f"above row {header} is no part of the table, from 'Trend report" in note for note in log.notes)
-
-
-def test_pairs_of_a_word_and_its_value_are_no_header(tmp_path):
-    before = "Point:,AHU1 valve\nFrom:,2024-07-11\nTo:,2024-07-12\n"
-    cells = [row[:2] for row in rows()]
-    path = saved(tmp_path, text_of(cells, HEADER[:2], before=before))
-    log = read_log(path, Wanted(("command",)))
-    np.testing.assert_allclose(log.values["command"], COMMAND / 100)
-    assert log.notes == ["what is above row 4 is no part of the table, from 'Point: AHU1 valve' on"]
 
 
 @pytest.mark.parametrize("after", ["End of report\n", "\nTotal: 60 rows\nPrinted by,the system,\n"])
@@ -90,14 +77,6 @@ def test_a_row_of_units_is_checked_as_a_header_is(tmp_path):
 )
 def test_units_in_round_brackets_and_after_comma_or_slash(tmp_path, header):
     assert_same_log(read(tmp_path, text_of(rows(), header)))
-
-
-@pytest.mark.parametrize("header", [("Time", "Cmd (%)", "SAT (°C)"), ("Time", "Cmd/%", '"SAT, °C"')])
-def test_such_columns_are_asked_for_with_or_without_their_unit(tmp_path, header):
-    text = text_of(rows(), header)
-    assert_same_log(read(tmp_path, text, **MAPPED))
-    full = {"timestamp": "Time", "command": header[1], "T_sup": header[2].strip('"')}
-    assert_same_log(read(tmp_path, text, columns=full))
 
 
 def test_a_unit_that_contradicts_the_header_is_refused_and_another_spelling_is_not(tmp_path):
@@ -172,13 +151,6 @@ def test_all_at_once(tmp_path):
     log = read(tmp_path, text, "utf-16", columns={"timestamp": "Zeit", "command": "Stellung", "T_sup": "Zuluft"})
     assert_same_log(log)
     assert len(log.notes) == 7
-
-
-def test_a_plain_log_has_no_notes(tmp_path):
-    log = read(tmp_path, text_of(rows()))
-    assert_same_log(log)
-    assert not log.notes
-    assert not log.change_of_value
 
 
 # ---------------------------------------------------------------------------------- signals of 2-10 V, percent

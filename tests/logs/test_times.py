@@ -4,8 +4,8 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from helpers.exports import COMMAND, HEADER, ISO, ROWS, START, T_SUP, assert_same_log, read, rows, text_of, times
-from helpers.refusals import only_problem, refusal
+from helpers.exports import HEADER, ISO, ROWS, START, assert_same_log, read, rows, text_of, times
+from helpers.refusals import only_problem
 
 import fastcoil as fc
 
@@ -249,25 +249,3 @@ def test_date_and_time_of_day_in_columns_of_their_own_are_one_timestamp(tmp_path
     assert_same_log(log)
     assert f"{header[0]} and {header[1]} are read as one timestamp" in log.notes
     assert_same_log(read(tmp_path, text, columns={"timestamp": header[1]}, time_format=f"{date} {clock}"))
-
-
-def test_a_row_without_its_time_of_day_is_named(tmp_path):
-    cells = [[day, hour, *row[1:]] for day, hour, row in zip(times("%Y-%m-%d"), times("%H:%M"), rows(), strict=True)]
-    cells[7][1] = ""
-    said = only_problem(read, tmp_path, text_of(cells, ("Date", "Time", *HEADER[1:])))
-    assert "timestamp = '' in row 9" in said
-
-
-@pytest.mark.parametrize("header", ["Timestamp", "Date/Time", "Zeitstempel", "DATE", "Logged"])
-def test_a_column_of_times_under_another_name_is_the_timestamp(tmp_path, header):
-    log = read(tmp_path, text_of(rows(), (header, *HEADER[1:])))
-    assert_same_log(log)
-    assert log.notes == (["the times are in the column 'Logged'"] if header == "Logged" else [])
-
-
-def test_two_columns_of_one_name_and_two_names_of_one_column_are_refused(tmp_path):
-    text = text_of(rows(ISO, COMMAND, T_SUP, T_SUP), (*HEADER, "T_sup (°C)"))
-    assert "T_sup is in two columns, 'T_sup [degC]' and 'T_sup (°C)'" in only_problem(read, tmp_path, text)
-    assert_same_log(read(tmp_path, text, columns={"T_sup": "T_sup (°C)"}))
-    said = refusal(read, tmp_path, text_of(rows()), columns={"enabled": "T_sup", "T_sup": "T_sup"})
-    assert "enabled and T_sup are both read from the column 'T_sup [degC]'" in said

@@ -135,14 +135,6 @@ def test_frost_is_that_of_each_day():
     assert ds["freeze_time"].values[1:].tolist() == [N_STEPS, N_STEPS]
 
 
-def test_each_day_by_itself_is_another_thing():
-    apart = fc.simulate(LOOPS["learner"], in_days(), warm_up=WARM_UP, n_jobs=1)
-    days = fc.simulate(LOOPS["learner"], in_days(), carry_over=True, warm_up=WARM_UP, n_jobs=1)
-    first = {name: (apart[name].isel(day=0), days[name].isel(day=0)) for name in ("rmse", "stem_travel")}
-    assert all(np.array_equal(one, other) for one, other in first.values())
-    assert not np.isclose(apart["rmse"], days["rmse"]).all()
-
-
 @pytest.mark.parametrize("n_steps", [28, 250, 1204])
 def test_seconds_count_and_are_settled_as_in_one_piece(n_steps):
     loop = fc.Loop()
@@ -193,8 +185,3 @@ def test_the_bits_do_not_depend_on_the_threads():
     loop = LOOPS["learner"].assign(kp=("sample", np.linspace(0.01, 0.03, 140)))
     one, several = (fc.simulate(loop, in_days(), carry_over=True, warm_up=WARM_UP, n_jobs=n) for n in (1, 3))
     assert one.attrs["content_sha256"] == several.attrs["content_sha256"]
-
-
-def test_the_warm_up_ends_on_the_first_day():
-    with pytest.raises(fc.InputError, match="the first day lasts 2407 s, the warm-up 2407 s: nothing is left to count"):
-        fc.simulate(fc.Loop(), in_days(), carry_over=True, warm_up=N_STEPS)

@@ -5,14 +5,13 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.refusals import assert_only_problem, only_problem, problems
+from helpers.refusals import assert_only_problem, only_problem
 from helpers.rules import own_pi
 
 import fastcoil as fc
 from fastcoil.loops.clashes import tell_doubts
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import COOLING
-from fastcoil.loops.scenarios import columns_of
 
 MEASURED = {"buffer_ratio": 6.0, "buffer_noise": "measured"}
 LIMITED = {"buffer_swing": 0.1, "plant_gain": 20.0}
@@ -112,13 +111,6 @@ def test_replay_refuses_the_same():
         fc.replay(fc.Loop(estimator="hagglund"), "nothing.csv")
 
 
-def test_a_swing_alone_misses_both_the_ratio_and_the_gain():
-    found = problems(planned, buffer_swing=0.5)
-    assert [problem.partition(":")[0] for problem in found] == [
-        "buffer_swing without buffer_ratio", "buffer_swing without plant_gain"
-    ]  # fmt: skip
-
-
 HOUR = 0.6
 COOLING_DAY = fc.paper_day(hours=HOUR)
 HEATING_DAY = fc.heating_day(hours=HOUR)
@@ -187,11 +179,6 @@ def test_a_run_is_told_where_it_is_called_and_an_open_loop_is_not():
 
 
 LEARNER = {"learning_step": 0.007, "backlash_estimate": 0.007}
-
-
-def test_without_a_word_the_learner_is_where_it_has_a_step():
-    loop = fc.Loop(learning_step=[0.0, 0.01])
-    assert columns_of(loop, loop.sizes, np.arange(2))["estimator"].tolist() == ["none", "learner"]
 
 
 @pytest.mark.kernel

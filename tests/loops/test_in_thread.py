@@ -26,13 +26,6 @@ def test_only_blocks_with_rules_of_the_user_and_of_the_main_thread_get_a_thread(
     assert within(10.0, lambda: threading.current_thread().daemon)
 
 
-def test_an_error_in_the_thread_is_that_of_the_call():
-    with pytest.raises(ZeroDivisionError):
-        within(None, lambda: 1 / 0)
-    with pytest.raises(TimeoutError):
-        within(0.01, lambda: time.sleep(0.1))
-
-
 def test_threads_share_the_calls_and_the_first_error_ends_them():
     met, begun, seen = threading.Barrier(2, timeout=10.0), [], set()
 

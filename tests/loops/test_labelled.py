@@ -132,12 +132,6 @@ def test_labels_alone_give_a_boundary_its_clock():
     assert_only_problem(words, fc.Boundary, T_set=pd.Series(HALF, TIMES), **series, start="2024-07-01T09:00")
 
 
-@pytest.mark.parametrize("kind", [pd.Series, pd.DatetimeIndex, lambda times: times[0]])
-def test_a_start_of_pandas_keeps_its_zone(kind):
-    boundary = DAY.assign(start=kind(TIMES[:1].tz_localize("Asia/Tokyo")), time_zone=None)
-    assert (boundary.start[0], boundary.time_zone) == (np.datetime64("2024-07-01T08:00"), "Asia/Tokyo")
-
-
 def test_a_start_with_labels_of_other_days_is_refused():
     start = xr.DataArray(TIMES.values[:2], {"day": [2, 1]}, "day")
     bare = {name: series.values for name, series in made(array()).items()}
@@ -195,12 +189,6 @@ def test_parameters_are_converted_from_their_unit(name, value, unit, ours):
 def test_labels_that_a_parameter_cannot_have_are_refused(value, words):
     loop = fc.Loop(backlash=[0.05, 0.1], kp=("sample", [0.01, 0.02]))
     assert_only_problem(words, loop.assign, ti=value)
-
-
-def test_numbers_of_low_precision_are_converted_as_doubles():
-    seven = xr.DataArray(np.float32(7.0), attrs={"units": "%"})
-    assert fc.Loop(backlash=seven)["backlash"] == pytest.approx(0.07, rel=1e-12)
-    assert DOORS["command"](seven)[0, 0] == pytest.approx(0.07, rel=1e-12)
 
 
 def test_series_are_converted_from_their_unit():

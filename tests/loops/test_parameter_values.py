@@ -68,31 +68,6 @@ def test_all_mistakes_are_reported_at_once():
     assert all(word in problem for word, problem in zip(words, found, strict=True))
 
 
-LONG = 3600
-"""Values, as many as an hour has seconds."""
-
-
-def test_a_long_list_with_duplicates_may_be_meant_as_a_series():
-    problem = only_problem(fc.Loop, backlash=[0.07] * LONG)
-    assert "0.07 appears twice" in problem
-    assert "did you mean a series?" in problem
-    assert "fc.Boundary" in problem
-    assert "series" not in only_problem(fc.Loop, backlash=[0.07] * (LONG - 1))
-    assert fc.Loop(backlash=np.linspace(0.0, 0.9, LONG)).sizes == {"backlash": LONG}
-
-
-@pytest.mark.parametrize("values", [{"kp": [0.1, [0.2, 0.3]]}, {"kp": 10**400}], ids=["ragged list", "huge integer"])
-def test_what_numpy_cannot_read_is_refused_in_our_words(values):
-    assert problems(fc.Loop, **values)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_an_array_of_numbers_is_refused_as_the_same_list_is(bad):
-    values = [0.1, bad, 0.2, bad]
-    assert only_problem(fc.Loop, kp=np.array(values)) == only_problem(fc.Loop, kp=values)
-    assert only_problem(fc.Loop, kp=("case", np.array(values))) == only_problem(fc.Loop, kp=("case", values))
-
-
 MEANING = {"air_march": "quasistatic", "substeps": 8}
 
 
@@ -105,11 +80,6 @@ def test_it_stands_for_the_air_march_and_the_substeps():
     assert isinstance(expected["substeps"], int)
 
 
-def test_false_leaves_a_loop_as_it_is():
-    assert fc.Loop(converged=False) == fc.Loop() != fc.Loop(converged=True)
-    assert fc.Loop(substeps=3).assign(converged=False) == fc.Loop(substeps=3)
-
-
 @pytest.mark.parametrize("given", [{"substeps": 8}, {"air_march": "quasistatic"}, MEANING])
 def test_it_clashes_with_what_it_stands_for_in_one_sentence(given):
     with pytest.raises(fc.InputError) as caught:
@@ -120,24 +90,10 @@ def test_it_clashes_with_what_it_stands_for_in_one_sentence(given):
     ]
 
 
-def test_its_mistakes_are_told_beside_others():
-    with pytest.raises(fc.InputError) as caught:
-        fc.Loop(converged=1, kp="much")
-    assert [text.split(":")[0] for text in caught.value.problems] == ["converged = 1", "kp = 'much'"]
-    with pytest.raises(fc.InputError, match="converged is not a parameter"):
-        fc.Loop()["converged"]
-
-
 def study(tmp_path, text):
     path = tmp_path / "study.toml"
     path.write_text(text)
     return read_study(path)
-
-
-def test_a_study_file_may_say_it(tmp_path):
-    spec = study(tmp_path, '[loop]\npreset = "lbnl"\nconverged = true\n[sweep]\nbacklash = [0.0, 0.07]\n')
-    assert spec.plan.layout.loop == fc.Loop.preset("lbnl", converged=True).assign(backlash=[0.0, 0.07])
-    assert study(tmp_path, "[loop]\nconverged = false\n").plan.layout.loop == fc.Loop()
 
 
 @pytest.mark.parametrize(

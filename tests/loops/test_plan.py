@@ -15,7 +15,6 @@ from fastcoil.loops import plan as resources
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.scenarios import join_flat
 from fastcoil.model.engine.rows import LANES
-from fastcoil.model.metric_table import STATUS_CRASHED
 
 pytestmark = pytest.mark.kernel
 
@@ -60,31 +59,10 @@ def test_inputs_are_no_traces_and_are_in_the_boundary(days, refused):
     assert days.series["T_set"].shape == (2, 900)
 
 
-def test_a_list_of_values_as_long_as_the_boundary_may_be_meant_as_a_series(refused):
-    hour = fc.constant_day(hours=1)
-    values = np.linspace(0.0, 0.1, hour.n_steps)
-    (problem,) = refused(fc.Loop(backlash=values, kp=[0.01, 0.02]), hour)
-    assert problem.startswith("backlash has 3,600 values, one for each second of the boundary: did you mean a series?")
-    assert 'backlash=("sample", values)' in problem
-    plan_simulation(fc.Loop(backlash=("sample", values)), hour)
-    plan_simulation(fc.Loop(backlash=values[:-1]), hour)
-    short = fc.constant_day(hours=0.6)
-    plan_simulation(fc.Loop(backlash=np.linspace(0.0, 0.1, short.n_steps)), short)
-
-
-def test_all_bad_options_are_reported_at_once(days, refused):
-    assert len(refused(fc.Loop(), days, traces=["u", "u", "v"], trace_interval=0, seed=-1, replicates=1.5)) == 5
-
-
 def test_the_default_warm_up_refuses_a_shorter_boundary(days, refused):
     (problem,) = refused(fc.Loop(), days)
     assert "900 s" in problem
     assert "1800 s" in problem
-
-
-def test_other_things_than_a_loop_and_a_boundary(days, refused):
-    assert "dict" in refused({}, days)[0]
-    assert "paper_day" in refused(fc.Loop(), days.to_dataset())[0]
 
 
 def test_a_million_million_scenarios_are_refused_without_allocating(days, refused):
@@ -145,14 +123,6 @@ def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(d
 def minutes(n_days):
     """Days of two minutes."""
     return fc.Boundary(m_a=np.full((n_days, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
-
-
-def test_thousands_of_days_with_a_scenario_each_are_a_few_shards():
-    plan = plan_simulation(fc.Loop(), minutes(2000), warm_up=60)
-    for n_jobs in (1, 2, 8):
-        shards = plan.shards(n_jobs)
-        assert 4 * n_jobs <= len(shards) <= 4 * n_jobs + 1
-        assert np.concatenate(shards).tolist() == list(range(2000))
 
 
 @settings(max_examples=60)
@@ -250,15 +220,3 @@ def test_answers_of_another_form_for_other_scenarios_are_refused(source):
         join_flat(4, [flat(first, 0), flat(second, 2)])
     joined = join_flat(4, [flat(first, 0), flat(first, 2)])
     assert joined["score"].dtype == flat(first, 0)["score"].dtype
-
-
-def test_scenarios_that_crashed_need_no_answer():
-    answered = flat(np.array([1, 2]), 2)
-    crashed = flat(np.array([1, 2]), 0, STATUS_CRASHED).drop_vars("score")
-    for parts in ([crashed, answered], [answered, crashed]):
-        assert join_flat(4, parts)["score"].values.tolist() == [0, 0, 1, 2]
-
-
-def test_an_answer_that_some_scenarios_lack_is_refused():
-    with pytest.raises(InputError, match=r"score has another form .* \(\) and|and \(\)"):
-        join_flat(4, [flat(np.array([1, 2]), 0), flat(np.array([1, 2]), 2).drop_vars("score")])

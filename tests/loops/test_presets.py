@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.loops.presets import COOLING, NOT_THE_FIT, PRESETS
+from fastcoil.loops.presets import COOLING, PRESETS
 from fastcoil.model.parameter_table import PARAMETERS
 
 pytestmark = pytest.mark.kernel
@@ -50,21 +50,6 @@ def test_presets_hold_the_differences_from_the_defaults():
         assert preset.name == name
         differs = {p: loop[p] for p in PARAMETERS if loop[p] != PARAMETERS[p].default}
         assert preset.values == {p: value for p, value in differs.items() if value is not None}
-
-
-def test_presets_are_printed_with_text_differences_and_units():
-    lines = repr(fc.presets()).splitlines()
-    assert lines[0].split()[0] == "paper_like"
-    assert "the defaults" in lines[1]
-    assert "ASHRAE Guideline 36" in next(line for line in lines if line.startswith("g36"))
-    assert any("kp = 0.018 K-1, ti = 30.0 s, sample_time = 15.0 s" in line for line in lines)
-    assert lines[-1] == NOT_THE_FIT
-
-
-def test_what_a_caller_does_with_presets_changes_none():
-    fc.presets().clear()
-    assert [*fc.presets()] == [*PRESETS]
-    assert [*PRESETS] == [*DESIGN_TABLE, *HEATING_COILS]
 
 
 def test_unknown_preset():

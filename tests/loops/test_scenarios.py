@@ -74,11 +74,6 @@ def test_any_slice_of_the_scenarios_is_that_of_all_of_them():
     assert all(some[name].tolist() == found[name][5:29].tolist() for name in ("backlash", "kp", "action"))
 
 
-def test_describe_names_the_place_of_a_scenario():
-    layout, _ = columns(fc.Loop(backlash=[0.05, 0.07], air_march=["lagged", "quasistatic"]))
-    assert layout.describe(2) == "backlash=0.07, air_march=lagged"
-
-
 # What cannot be swept, or not together
 
 
@@ -102,12 +97,6 @@ def test_zipped_parameters_of_different_length_are_refused_where_they_are_given(
     assert_only_problem(words, fc.Loop, **DIFFERENT)
     assert_only_problem(words, fc.Loop().assign, **DIFFERENT)
     assert_only_problem(words, fc.Loop(kp=DIFFERENT["kp"]).assign, ti=DIFFERENT["ti"])
-
-
-def test_the_length_of_zipped_parameters_is_changed_in_one_call():
-    loop = fc.Loop(kp=("tuning", [0.01, 0.02]), ti=("tuning", [10.0, 20.0]))
-    longer = loop.assign(kp=("tuning", [0.01, 0.02, 0.03]), ti=("tuning", [10.0, 20.0, 30.0]))
-    assert longer.sizes == {"tuning": 3}
 
 
 def differing_labels():

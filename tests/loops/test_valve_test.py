@@ -26,13 +26,6 @@ def test_every_bad_value_is_refused_by_its_name():
     assert sorted(problem.split(" = ")[0] for problem in refused.value.problems) == sorted(names)
 
 
-def test_the_gentle_and_the_heating_form_take_changes():
-    assert fc.ValveTest.gentle(minutes=60, start=7).parameters()["test_minutes"] == 60
-    assert fc.ValveTest.gentle().excursion == 1.0
-    assert fc.ValveTest.heating(hold=90).hold == 90
-    assert fc.ValveTest.heating().excursion == 3.0
-
-
 @pytest.mark.parametrize(
     ("loop", "says"),
     [
@@ -45,11 +38,6 @@ def test_the_gentle_and_the_heating_form_take_changes():
 def test_a_loop_with_a_test_that_cannot_be_is_refused(loop, says):
     with pytest.raises(fc.InputError, match=says):
         fc.simulate(fc.Loop(**loop), fc.constant_day(hours=1))
-
-
-def test_what_is_no_valve_test_is_refused():
-    with pytest.raises(fc.InputTypeError, match="test is a int: give a fastcoil.ValveTest"):
-        fc.simulate(fc.Loop(), fc.constant_day(hours=1), test=3)
 
 
 class Parameters(NamedTuple):
@@ -89,10 +77,3 @@ def test_the_instructions_give_the_numbers_of_the_test():
     printed = CliRunner().invoke(main, ["valve-test", "plan", "--minutes", "25", "--excursion", "1.2", "--hold", "95"])
     assert printed.exit_code == 0
     assert "until 25 min" in printed.output
-
-
-def test_the_command_says_what_cannot_be():
-    both = CliRunner().invoke(main, ["valve-test", "plan", "--gentle", "--heating"])
-    assert (both.exit_code, "give one of them" in both.output) == (2, True)
-    bad = CliRunner().invoke(main, ["valve-test", "plan", "--minutes", "0"])
-    assert (bad.exit_code, "minutes = 0 min: must be above 0" in bad.output) == (2, True)

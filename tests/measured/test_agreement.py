@@ -109,12 +109,6 @@ def test_what_a_law_leaves_of_its_own_temperature_is_noise_and_of_another_one_is
         assert law.is_another == is_another
 
 
-def test_a_rounded_command_is_not_missed_as_unexplained(log):
-    command, T, T_set = (log[name].values[60:] for name in ("command", "T_sup", "T_set"))
-    law = implied_law(np.round(command, 2), T, T_set, np.ones(T.size, bool), 10.0)
-    assert law.share > law.least
-
-
 @pytest.mark.parametrize(
     ("given", "says"),
     [

@@ -35,13 +35,6 @@ def test_an_error_common_to_a_batch_widens_the_interval_to_its_true_size():
     assert (found[0][2].inflation >= found[0][1].inflation).all()
 
 
-def test_white_noise_alone_widens_it_little():
-    ratios = [np.sqrt(wide.covariance[1, 1] / spread.covariance[1, 1]) for _, spread, wide in
-              (line(seed, 20, 50, 0.0) for seed in range(20))]  # fmt: skip
-    assert min(ratios) == 1.0
-    assert np.median(ratios) < 1.15
-
-
 def test_the_blocks_are_the_pieces_or_cut_from_them():
     ones = np.ones(600, dtype=bool)
     of_pieces = blocks(np.repeat(np.arange(12), 50), ones, 300.0)

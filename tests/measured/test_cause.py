@@ -178,8 +178,3 @@ def test_a_wide_swing_that_is_not_even_enough_is_not_called_calm():
     assert said.name == "unknown"
     assert "not even enough" in said.because
     assert seen(0.07, 0.08)[0].name == "none"
-
-
-def test_a_log_without_set_point_or_in_short_pieces_is_not_called_calm():
-    assert "no set-point" in seen(0.0, 0.05, T_set=False)[0].because
-    assert "6 min in one piece" in seen(0.0, 0.05, pieces=True)[0].because

@@ -52,18 +52,11 @@ def test_residuals_that_may_be_unseen_motion_widen_the_interval_unless_the_comma
     monkeypatch.setattr(valve_problem, "_besides_noise", lambda *_: share)
     monkeypatch.setattr(valve_problem, "_PER_SHARE", per_share)
     allowed, held = judged(*coarse, False), judged(*coarse, True)
-    assert held == (coarse[1].profile.interval, "", "")
+    assert held == (coarse[1].interval, "", "")
     assert allowed.interval[0] <= held.interval[0] < held.interval[1] <= allowed.interval[1]
     assert (allowed.interval == held.interval) == (share > 0.5)
     for words in (why, "rows are 60 s apart", "--hold command"):
         assert words in allowed.why
-
-
-def test_steps_that_are_logged_whole_are_taken_as_they_are():
-    rng = np.random.default_rng(32)
-    for command in (walk(rng, n=150), np.repeat(walk(rng, n=40), 5)):
-        problem, solution = solved(log_of(command, noisy(rng, flows(command), 0.02)))
-        assert judged(problem, solution, False) == (solution.profile.interval, "", "")
 
 
 def test_the_fit_has_the_wider_interval(monkeypatch):

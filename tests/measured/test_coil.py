@@ -59,23 +59,6 @@ def test_a_value_at_1_kg_s_is_as_uncertain_as_the_exponent_that_carries_it_there
     assert fit.intervals["beta5"] == pytest.approx((0.52159, 0.63853), rel=1e-4)
 
 
-def test_another_form_of_the_model_is_fitted_as_such():
-    """In parts of a second the water of a volume may be renewed within less than one."""
-    other = {"n_volumes": 6, "air_march": "quasistatic", "substeps": 3}
-    fit = fc.fit_coil(coil_log(hours=1, seed=6, sd=0.02, **other, C_w=4.0), split=1.0, **other)
-    assert fit.parameters["C_w"] == pytest.approx(4.0, rel=0.1)
-    assert fit.rmse["fit"] == pytest.approx(0.02, rel=0.1)
-    assert fit.parameters["C_c"] == pytest.approx(30.0, rel=0.02)
-    (note,) = (text for text in fit.notes if text.startswith("fitted with "))
-    assert all(f"{name} = {value!r}" in note for name, value in other.items())
-    assert note.endswith(": give the loop the same, the parameters belong to it")
-
-
-def test_coarse_samples_of_inputs_that_hold():
-    fit = fc.fit_coil(coil_log(hours=4, seed=17, every=60), split=1.0, holds=["m_w", "m_a"])
-    assert_covered(fit, COIL_TRUTH)
-
-
 @pytest.mark.full
 def test_intervals_of_95_per_cent_cover_the_truth_that_often():
     """100 logs of 2 h, half with AR(1) noise: at least 88 % of the intervals of each parameter hold the truth."""
@@ -92,29 +75,12 @@ def test_intervals_of_95_per_cent_cover_the_truth_that_often():
 # -------------------------------------------------------------------------------------------- what is not identified
 
 
-def test_a_coil_that_is_never_wet_says_so():
-    fit = fc.fit_coil(coil_log(hours=1, seed=9, dry=True), split=1.0)
-    assert fit.held["beta5"] == fit.held["beta6"] == "as that of heat alone: the coil is never wet"
-    assert fit.parameters["beta5"] == fit.parameters["beta3"]
-    assert_covered(fit, COIL_TRUTH)
-
-
 def test_a_heat_capacity_at_the_limit_of_stability_is_an_answer_and_no_prior():
     """A coil of less water than a volume can hold at a step a second: C_w ends where γ = 1."""
     fit = fc.fit_coil(coil_log(hours=1, seed=20, sd=0.1, substeps=2, C_w=5.0, every=5), split=1.0)
     assert fit.held == {"C_w": "at the stability limit (γ = 1 at the largest flow)"}
     largest = float(fit.residuals["m_w"].max())
     assert fit.parameters["C_w"] == pytest.approx(largest * fc.Loop()["cp_w"], rel=1e-3)
-
-
-@pytest.mark.full
-def test_a_slow_log_holds_the_heat_capacity_of_the_water():
-    """Samples at the end of holds, 20 min apart: little is seen of the dynamics."""
-    slow = coil_log(hours=7, seed=10, sd=0.02).isel(elapsed_time=slice(299, None, 1200))
-    fit = fc.fit_coil(slow, split=1.0)
-    assert fit.held["C_w"] == "held at a prior: the data do not identify it"
-    assert any(line.startswith("C_w = ") and "held at a prior" in line for line in fit.summary())
-    assert any("1200 s apart and the inputs run straight" in note for note in fit.notes)
 
 
 # ------------------------------------------------------------------------------------------------------ what comes out

@@ -79,19 +79,6 @@ def test_nights_without_air_are_left_out_and_counted(two_days):
         np.testing.assert_array_equal(log.values[name], values)
 
 
-def test_a_declared_shut_off_is_as_one_without_air(two_days):
-    first, second = two_days
-    log = joined(first, shifted(night(first), 3599.0), shifted(second, 7200.0))
-    log["m_a"].values[log["m_a"].values < 0.1] = 1.0
-    log["enabled"] = ("elapsed_time", log["T_sup"].values != 24.0)
-    declared = in_operation(read_log(log, COIL_SERIES._replace(optional=("T_w_out", "enabled"))))
-    assert 24.0 not in declared.values["T_sup"]
-    assert declared.n_batches == 2
-    undeclared = in_operation(read_log(log, COIL_SERIES))
-    assert undeclared.time.size == log.sizes["elapsed_time"]
-    assert 24.0 in undeclared.values["T_sup"]
-
-
 def problem_of(log, warm_up=1800.0, share=1.0):
     """The problem that ``fit_coil`` solves, both temperatures compared."""
     data, part = read_log(log, COIL_SERIES), Part(share)

@@ -37,11 +37,6 @@ def test_steps_of_the_set_point_are_seen_without_its_column(every):
     assert not is_provoked(*loop(every=every), GOOD, None, INTERVAL)
 
 
-def test_a_noisy_command_hides_no_step_of_the_set_point():
-    command, T = loop(steps())
-    assert is_provoked(command + np.random.default_rng(6).normal(0, 0.001, 2160), T, GOOD, None, INTERVAL)
-
-
 def test_a_column_of_the_set_point_decides_where_there_is_one():
     command, T = loop()
     assert is_provoked(command, T, GOOD, steps(), INTERVAL)

@@ -13,6 +13,8 @@ from fastcoil.measured import cause
 from fastcoil.measured.fitted_loop import Outcome
 from fastcoil.study.file.tables import parse_toml
 
+pytestmark = pytest.mark.kernel
+
 BACKLASH = 0.08
 
 
@@ -102,19 +104,6 @@ def test_without_a_set_point_the_backlash_is_found_and_what_is_missing_is_said(l
     assert any("without a set-point" in note for note in found.notes)
 
 
-def test_a_csv_file_says_the_same_as_the_dataset(log, diagnosis, tmp_path):
-    found = fc.diagnose(write_log(log, tmp_path / "log.csv"), stroke_time=90.0)
-    assert found.source == "log.csv"
-    assert found.backlash == pytest.approx(diagnosis.backlash, abs=0.0026)
-    assert found.cause == diagnosis.cause
-
-
-def test_a_simulation_is_read_by_its_measured_temperature(log):
-    renamed = log.rename(T_sup="T_measured").assign(T_sup=("elapsed_time", np.full(log.sizes["elapsed_time"], 14.0)))
-    renamed.T_measured.attrs["units"] = "degC"
-    assert fc.diagnose(renamed).backlash == pytest.approx(BACKLASH, abs=0.01)
-
-
 def test_a_temperature_logged_at_changes_of_a_third_of_a_kelvin_is_not_trusted(log):
     T, kept = log.T_sup.values, [0]
     for k in range(T.size):
@@ -148,12 +137,6 @@ def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(
     assert_only_problem(["cannot be written"], diagnosis.to_toml, tmp_path / "absent" / "d.toml")
 
 
-def test_the_page_shows_log_profile_and_predictions(diagnosis, coarse):
-    titles = [axes.get_title(loc="left") for axes in diagnosis.plot().axes]
-    assert {"Two telling hours", "Identified", "What the fitted loop would do"} <= set(titles)
-    assert "Not identified" in [axes.get_title(loc="left") for axes in coarse.plot().axes]
-
-
 def test_a_command_to_100_without_a_unit_is_told_to_be_per_cent(log, tmp_path):
     path = write_log(log, tmp_path / "log.csv")
     path.write_text(path.read_text().replace("command [%]", "command"))
@@ -174,21 +157,6 @@ def test_the_command_prints_the_answer_and_writes_what_is_asked(log, tmp_path, m
     assert said.exit_code == 0, said.output
     assert "Gap: 8 % of the stroke" in said.output
     assert {path.name for path in tmp_path.iterdir()} == {"log.csv"}
-
-
-@pytest.mark.full
-def test_the_command_writes_toml_and_page_and_replaces_only_its_own(log, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_log(log, tmp_path / "log.csv")
-    for _ in range(2):
-        said = CliRunner().invoke(main, ["diagnose", "log.csv", "-o", "found.toml"])
-        assert said.exit_code == 0, said.output
-    assert {path.name for path in tmp_path.iterdir()} == {"log.csv", "found.toml", "found.png"}
-    (tmp_path / "mine.toml").write_text("mine = 1\n")
-    said = CliRunner().invoke(main, ["diagnose", "log.csv", "-o", "mine.toml"])
-    assert said.exit_code == 2
-    assert "no fit" in said.output
-    assert (tmp_path / "mine.toml").read_text() == "mine = 1\n"
 
 
 def test_the_loop_that_hunts_at_lbnl_is_told_as_found():

@@ -64,20 +64,6 @@ def test_bad_arguments_of_a_coil_are_refused(coil_log, options, sentence):
     assert refusal(fc.fit_coil, coil_log(coil_rows()), **options) == sentence
 
 
-def test_one_name_or_none_holds_as_a_list_of_them_does(coil_log, monkeypatch):
-    held = []
-
-    def problem(*arguments):
-        held.append(arguments[-1])
-        raise Reached
-
-    monkeypatch.setattr("fastcoil.measured.fit_coil.CoilProblem", problem)
-    for holds in ("m_w", ["m_w"], None, ()):
-        with pytest.raises(Reached):
-            fc.fit_coil(coil_log(coil_rows()), holds=holds)
-    assert held == [("m_w",), ("m_w",), (), ()]
-
-
 def test_pieces_of_a_row_or_two_are_refused_and_a_log_that_goes_back_now_and_then_is_not(monkeypatch):
     def solve(*_):
         raise Reached

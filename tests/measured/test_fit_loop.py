@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers.commands import fastcoil
-from helpers.refusals import refusal
 
 import fastcoil as fc
 from fastcoil.measured.fit_loop import GOOD, TOLERANCE
@@ -99,36 +98,11 @@ def test_nothing_is_claimed_of_a_coarse_log_of_a_command_that_moves():
     assert any("backlash: not identified" in line for line in fit.summary())
 
 
-@pytest.mark.full
-def test_a_coarse_log_of_a_held_command_is_as_good_as_a_fine_one():
-    day, rng = fc.paper_day(hours=16, seed=2), np.random.default_rng(4)
-    command = np.repeat(rng.uniform(0.15, 0.6, 32), 1800)
-    ds = fc.simulate(MODEL.assign(backlash=0.06), day, command=command, traces=["T_measured"], n_jobs=1)
-    columns = {"command": (command, "1"), "T_sup": (ds.T_measured.values, "degC")}
-    columns |= {name: (day.series[name][0], unit) for name, unit in ENTERING.items()}
-    t = ("elapsed_time", np.arange(command.size, dtype=float), {"units": "s"})
-    log = xr.Dataset({n: ("elapsed_time", v, {"units": u}) for n, (v, u) in columns.items()}, {"elapsed_time": t})
-    fit = fc.fit_loop(log.isel(elapsed_time=slice(None, None, 120)), MODEL)
-    assert fit.identified
-    assert fit.backlash == pytest.approx(0.06, abs=0.004)
-
-
 def test_what_the_log_cannot_tell_is_not_claimed(log):
     still = log.assign(command=log.command * 0.0 + 0.4)
     assert "turns 0 times" in fc.fit_loop(still, MODEL).reason
     shuffled = log.assign(T_sup=log.T_sup.copy(data=np.random.default_rng(1).permutation(log.T_sup.values)))
     assert "explains" in fc.fit_loop(shuffled, MODEL).reason
-
-
-def test_two_mistakes_are_two_sentences(log):
-    said = refusal(fc.fit_loop, log, MODEL.assign(kp=[0.01, 0.02], slip_jump=0.01, backlash=0.02), warm_up=-1)
-    assert "warm_up" in said
-    assert "kp" in said
-    assert "slip_jump" in said
-    assert "to compare" in refusal(fc.fit_loop, log.isel(elapsed_time=slice(0, 60)), MODEL)
-    short = simulated(every=1, noise=0.0, hours=1).isel(elapsed_time=slice(0, 100))
-    assert "0 changes" in refusal(fc.fit_loop, short, MODEL, warm_up=0, split=1.0)
-    assert "W_a_in" in refusal(fc.fit_loop, log.drop_vars("W_a_in"), MODEL)
 
 
 def test_the_command_writes_what_the_function_finds(log, tmp_path, monkeypatch):

@@ -14,7 +14,6 @@ from fastcoil.measured.grid import (
     on_grid,
     openings,
 )
-from fastcoil.measured.part import turns
 
 
 def log(time, batch=None, **values):
@@ -127,12 +126,6 @@ def test_openings_are_means_of_those_of_the_play_operator(width):
             piece = between[k * width : (k + 1) * width]
             assert means[k, j] == pytest.approx(sum(piece) / width, abs=1e-14)
             assert squares[k, j] == pytest.approx(sum(o * o for o in piece) / width, abs=1e-14)
-
-
-def test_turns_count_what_comes_back_by_more_than_asked():
-    assert turns(np.array([0.0, 0.5, 0.3, 0.6, 0.599, 0.7]), 0.01) == 2
-    assert turns(np.array([0.0, 0.5, 0.485, 0.6]), 0.01) == 2
-    assert turns(np.linspace(0.0, 1.0, 50), 0.01) == 0
 
 
 def walked(n, seed=3):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fastcoil.measured.grid import motor_positions
-from fastcoil.measured.identify import LEAST_ROWS, MODEL_ERROR, likelihoods
+from fastcoil.measured.identify import MODEL_ERROR, likelihoods
 
 CANDIDATES = np.array([0.0, 0.05, 0.1, 0.15])
 INTERVAL = 30.0
@@ -63,16 +63,6 @@ def test_a_stem_that_follows_the_command_explains_little_once_the_command_has_co
     found = likelihoods(T, positions, (), np.ones(T.size, bool), INTERVAL, CANDIDATES)
     assert found.plain.argmax() == 0
     assert found.reaction[0] - found.reaction[2] < 0.3 * (found.plain[0] - found.plain[2])
-
-
-def test_rows_near_what_may_not_be_used_are_left_out_and_few_rows_are_refused():
-    positions, T = log(0.1)
-    good = np.ones(T.size, bool)
-    good[300] = False
-    assert likelihoods(T, positions, (), good, INTERVAL, CANDIDATES).rows == T.size - 10 - 10
-    n = LEAST_ROWS + 9
-    assert likelihoods(T[:n], positions[: n + 1], (), good[:n], INTERVAL, CANDIDATES) is None
-    assert likelihoods(T[: n + 1], positions[: n + 2], (), good[: n + 1], INTERVAL, CANDIDATES).rows == LEAST_ROWS
 
 
 def test_a_known_disturbance_takes_what_it_explains():

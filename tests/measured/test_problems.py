@@ -116,16 +116,6 @@ def test_the_coil_alone_is_that_of_the_emulator(form):
     assert wet.max() > 0
 
 
-def test_water_that_stands_still_exchanges_nothing():
-    log = coil_log(hours=0.5, sd=0.0)
-    log["m_w"] = log["m_w"].where(log["elapsed_time"] < 900, 0.0).assign_attrs(units="kg s-1")
-    problem = problem_of(log)
-    for beta2 in (-0.2, 0.0, 0.2):
-        T_w_out = problem.record.run(searched(problem, COIL_TRUTH | {"beta2": beta2})[:, None])["T_w_out"][:, 0]
-        assert np.isfinite(T_w_out).all()
-        np.testing.assert_array_equal(T_w_out[901:], T_w_out[901])
-
-
 def test_the_jacobian_of_a_coil_is_that_of_single_runs():
     problem = problem_of(coil_log(hours=0.5))
     model = problem.model()

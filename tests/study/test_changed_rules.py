@@ -1,7 +1,5 @@
 """A rule that takes a value from elsewhere: what was computed with another value is never joined with it."""
 
-import json
-
 import numpy as np
 import pytest
 from helpers.processes import cut
@@ -14,7 +12,7 @@ from fastcoil.study import maintenance
 from fastcoil.study import workers as worker
 from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.stored import Manifest, checksum
+from fastcoil.study.folder.stored import Manifest
 from fastcoil.study.run import execute
 
 STUDY = """
@@ -73,7 +71,7 @@ def interrupted(path, out, monkeypatch):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        execute(read_study(path), out, n_jobs=1, progress=lambda n: stop)
+        execute(read_study(path), out, n_jobs=1, progress=lambda *_: stop)
 
 
 def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkeypatch):
@@ -86,17 +84,6 @@ def test_a_study_goes_on_with_the_same_value_alone(path, value, tmp_path, monkey
     load.cache_clear()
     ds = fc.run_study(path, out, n_jobs=1)
     assert ds.attrs["content_sha256"] == fc.run_study(path, tmp_path / "other", n_jobs=1).attrs["content_sha256"]
-
-
-def test_a_folder_that_does_not_say_goes_on(path, value, tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    interrupted(path, out, monkeypatch)
-    manifest = out / "run.json"
-    content = {k: v for k, v in json.loads(manifest.read_text()).items() if k not in ("own_code", "format", "sha256")}
-    manifest.write_text(json.dumps({**content, "format": 2, "sha256": checksum(content)}))
-    assert not Manifest.read(out).own_code
-    assert fc.run_study(path, out, n_jobs=1).sizes["backlash"] == 2
-    assert Manifest.read(out).own_code.keys() == {"steps"}
 
 
 def test_finished_results_of_another_value_are_neither_shown_nor_run_again_nor_extended(path, value, tmp_path):
@@ -125,11 +112,3 @@ def test_a_worker_with_another_value_computes_nothing(path, value, monkeypatch):
     job = worker.Job(study.plan, None, study.rules, elsewhere)
     with pytest.raises(InputError, match=CHANGED):
         worker.run_elsewhere(job, Shard(np.array([0])))
-
-
-def test_the_workers_of_a_run_are_told_what_its_rules_do(path, tmp_path, monkeypatch):
-    told = []
-    monkeypatch.setattr("fastcoil.study.run.make_pool", lambda backend, job, *_: told.append(job) or 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        fc.run_study(path, tmp_path / "out", n_jobs=1)
-    assert told[0].own_code.keys() == {"steps"}

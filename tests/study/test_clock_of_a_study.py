@@ -51,9 +51,3 @@ def test_a_study_opened_again_has_the_start_and_the_time_of_its_traces(run):
     (traces,) = folder.glob("traces-*.nc")
     with xr.open_dataset(traces) as others:
         np.testing.assert_array_equal(others.time.values, ds.time.values)
-
-
-def test_a_study_without_traces_has_the_start_alone(run):
-    ds = fc.open_study(run("[]"))
-    assert ds.start.values == np.datetime64("2024-07-01T08:00")
-    assert "time" not in ds.coords

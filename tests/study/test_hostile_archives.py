@@ -14,7 +14,7 @@ from helpers.studies import PLAIN, copied
 
 from fastcoil.base.errors import IntegrityError
 from fastcoil.study import maintenance
-from fastcoil.study.archive import Entry, Listing, is_safe, pack
+from fastcoil.study.archive import Entry, Listing, pack
 from fastcoil.study.folder.stored import checksum
 
 pytestmark = pytest.mark.kernel
@@ -137,15 +137,3 @@ def test_whatever_happens_to_its_bytes_what_is_accepted_is_whole(sound, members,
         if not problems:  # dates, versions and bytes of no member are all that nobody hashes
             with zipfile.ZipFile(path) as file:
                 assert {name: file.read(name) for name in file.namelist()} == members
-
-
-@pytest.mark.parametrize("data", [b"", b"PK", b"PK\5\6" + bytes(18), b"x" * 200, b"<html></html>"])
-def test_other_files_are_no_archives(tmp_path, data):
-    path = tmp_path / "x.zip"
-    path.write_bytes(data)
-    assert only(path)
-
-
-def test_safe_names():
-    assert all(map(is_safe, ("study.toml", "inputs/day one.csv", "inputs/é.toml", ".lock")))
-    assert not any(map(is_safe, ("", "a/", "/a", "a/../b", "a\\b", "c:x", "a\nb", " a", "a/" * 40 + "b")))

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from helpers.commands import fastcoil, planned_and_run
+from helpers.commands import fastcoil
 from helpers.processes import environment
 
 import fastcoil as fc
@@ -109,23 +109,6 @@ def test_a_study_gives_what_simulate_gives_on_every_backend(path, trace, tmp_pat
 
 
 @pytest.mark.kernel
-@pytest.mark.full
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_processes_give_the_same_bits(path, tmp_path, backend, two_workers):
-    threads = fc.run_study(path, tmp_path / "threads", n_jobs=2)
-    scheduler = two_workers.address if backend == "dask" else None
-    processes = fc.run_study(path, tmp_path / "processes", n_jobs=2, backend=backend, scheduler=scheduler)
-    assert threads.attrs["content_sha256"] == processes.attrs["content_sha256"]
-
-
-@pytest.mark.kernel
-def test_a_study_tells_of_an_estimate_in_per_cent(with_code, tmp_path):
-    in_per_cent = SOURCE.replace("limited(now.estimate + p.gain * abs(now.e) * p.sample_time, 0.2)", "6.0")
-    with pytest.warns(UserWarning, match="by_error: the estimate is at its limit of 1 at the end of 4 of 6 runs"):
-        fc.run_study(with_code(STUDY, in_per_cent), tmp_path / "out", n_jobs=1)
-
-
-@pytest.mark.kernel
 def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_path):
     out = tmp_path / "out"
     execute(read_study(path), out, n_jobs=1).results.close()
@@ -140,16 +123,6 @@ def test_looking_at_a_folder_runs_none_of_it_and_rerun_says_so(path, trace, tmp_
     assert done.exit_code == 0, done.output
     assert f"This study runs its own code: by_error from {tmp_path / 'mine.py'}." in done.stderr
     assert trace.exists()
-
-
-@pytest.mark.kernel
-def test_plan_and_run_say_whose_code_they_run_and_rerun_gives_the_same_bits(path, tmp_path):
-    out = tmp_path / "out"
-    for done in planned_and_run(path, out):
-        said = [line for line in done.stderr.splitlines() if "its own code" in line]
-        assert [line.split()[6] for line in said] == ["by_error", "own_pi"]
-    done = fastcoil("rerun", out, "--at", AT)
-    assert "Equal to the study's result to the last bit." in done.output
 
 
 @pytest.mark.kernel

@@ -3,19 +3,15 @@
 import netCDF4
 import numpy as np
 import pytest
-from helpers.commands import fastcoil
 from helpers.processes import cut
-from helpers.refusals import problems
 from helpers.studies import run, run_until_interrupted, write_study
 
 import fastcoil as fc
-from fastcoil.deliver.figures.swept import panels
 from fastcoil.design.prediction import predictions
 from fastcoil.loops.plan import plan_simulation
 from fastcoil.model.metric_table import PREDICTIONS
 from fastcoil.study import maintenance
 from fastcoil.study.analysis.summary import summary
-from fastcoil.study.file.spec import read_study
 from fastcoil.study.run import execute
 
 pytestmark = pytest.mark.kernel
@@ -109,21 +105,6 @@ def test_where_theory_says_nothing_it_is_nan_and_says_why(tmp_path):
         assert "4 of 8" in found.attrs["prediction_note"]
         (line,) = (line for line in summary(found.load()) if line.startswith("Hunting: "))
     assert " of 8 loops" in line
-
-
-def test_it_can_be_drawn_and_compared(ds):
-    (axes, *_) = panels(ds, "kp", metrics=["predicted_swing", "hunting_swing"]).axes
-    assert "foretold swing" in axes.get_ylabel()
-    found = fc.compare(ds, baseline={"backlash": 0.0}, over="day", metrics="predicted_margin")
-    assert "predicted_margin" in found
-
-
-def test_anything_but_true_or_false_is_refused(tmp_path):
-    path = tmp_path / "study.toml"
-    path.write_text(SILENT + 'predict = "yes"\n')
-    (sentence,) = problems(read_study, path)
-    assert "[run] predict" in sentence
-    assert fastcoil("plan", path).exit_code == 2
 
 
 @pytest.mark.parametrize(("carry_over", "foretold"), [(False, [False, False]), (True, [False, True])])

@@ -13,7 +13,6 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, StorageError
-from fastcoil.loops.provenance import content_sha256
 from fastcoil.study import run as runner
 from fastcoil.study.file import spec
 from fastcoil.study.file.spec import read_study
@@ -53,16 +52,6 @@ def finished(tmp_path_factory):
     path = tmp_path_factory.mktemp("finished") / "small.toml"
     path.write_text(SMALL)
     return path.with_name("out"), fc.run_study(path, path.with_name("out"))
-
-
-def test_a_study_leaves_its_text_and_one_file_of_results(finished):
-    out, ds = finished
-    names = sorted(p.name for p in out.iterdir())
-    assert names == [".lock", "results.nc", "run.json", "study.toml", ds.attrs["trace_file"]]
-    assert (out / "study.toml").read_text() == SMALL
-    opened = fc.open_study(out)
-    assert opened.identical(ds.assign_attrs(opened.attrs))
-    assert opened.attrs["content_sha256"] == content_sha256(opened)
 
 
 def test_results_are_labelled_as_an_xarray_user_expects(finished):
@@ -155,29 +144,14 @@ def test_every_study_of_the_repository_runs(path, tmp_path):
     text = path.read_text()
     for long, short in (
         (r"hours = \d+", "hours = 0.6"), ("warm_up = 10800", "warm_up = 1800"), (r"(seed = \[\d+).*\]", r"\1]"),
-        (r", (15|31|34)\]", ", 3]"), ("size = 4096", "size = 64"), ("size = 1024", "size = 4"),
+        (r", (15|31|34)\]", ", 3]"), ("size = 4096", "size = 8"), ("size = 1024", "size = 4"),
+        (r"\n(learning_step|learning_interval|learning_ratio) = \[([^,\]]+),.*\]", r"\n\1 = [\2]"),
     ):  # fmt: skip
         text = re.sub(long, short, text)
     (tmp_path / path.name).write_text(text)
     ds = fc.run_study(tmp_path / path.name, tmp_path / "out")
     assert int(ds.status.max()) == 0
     assert bool(np.isfinite(ds.rmse).all())
-
-
-def test_the_robustness_study_is_the_one_that_was_asked_for():
-    study = read_study(ROOT / "studies" / "robustness" / "robustness.toml")
-    coordinates = study.plan.layout.coordinates()
-    assert study.plan.n_scenarios >= 10_000
-    assert study.plan.n_steps == 8 * 3600
-    assert coordinates["tuning"].size >= 20
-    assert {"lbnl", "g36"} <= set(coordinates["tuning"].values)
-    assert (coordinates["backlash"].values.min(), coordinates["backlash"].values.max()) == (0.01, 0.15)
-    assert (coordinates["estimate_ratio"].values.min(), coordinates["estimate_ratio"].values.max()) == (0.0, 1.5)
-    for preset in ("lbnl", "g36"):
-        case, loop = study.plan.layout.loop, fc.Loop.preset(preset)
-        for name in ("kp", "ti", "sample_time"):
-            at = coordinates["tuning"].values.tolist().index(preset)
-            assert float(case[name][at]) == loop[name]
 
 
 def test_a_study_on_a_real_weather_year_runs_from_start_to_end(tmp_path):

@@ -52,11 +52,6 @@ def test_plan_and_run_say_whose_code_they_run(path, trace, tmp_path):
         trace.unlink()
 
 
-def test_nothing_is_said_of_a_study_without_code(path):
-    path.write_text(TRACED)
-    assert "its own code" not in fastcoil("plan", path).output
-
-
 def test_reading_a_study_runs_nothing(path, trace):
     read_study(path)
     assert not trace.exists()
@@ -95,14 +90,6 @@ def test_looking_at_a_folder_runs_no_code_of_its_study(path, trace, run_before):
     with pytest.raises(InputError, match="no finished scenario"):
         fc.open_study(run_before)
     fastcoil("plot", run_before)
-    assert not trace.exists()
-
-
-def test_a_finished_folder_is_looked_at_without_running_its_code(run_before, trace):
-    for command in (["status", run_before], ["verify", run_before], ["rerun", run_before, "--at", AT]):
-        done = fastcoil(*command)
-        assert done.exit_code == 0, done.output
-    fc.open_study(run_before).close()
     assert not trace.exists()
 
 

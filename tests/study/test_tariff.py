@@ -74,16 +74,6 @@ def test_the_summary_says_what_backlash_costs_also_after_an_extension(tmp_path):
     assert maintenance.verify(out) == []
 
 
-@pytest.mark.kernel
-def test_a_new_title_is_taken_over_too(tmp_path):
-    out = tmp_path / "out"
-    run(WITHOUT, out)
-    finished = execute(write_study('title = "new"\n' + WITHOUT, out), out, n_jobs=1)
-    assert (finished.n_run, finished.results.attrs["title"]) == (0, "new")
-    assert fc.open_study(out).attrs["title"] == "new"
-    assert maintenance.verify(out) == []
-
-
 @pytest.mark.parametrize(
     ("tariff", "words"),
     [
@@ -104,13 +94,6 @@ def test_a_wrong_tariff_is_refused_in_one_sentence(tmp_path, tariff, words):
     path.write_text(WITHOUT + tariff)
     (sentence,) = problems(read_study, path)
     assert words in sentence
-
-
-def test_an_axis_called_like_a_cost_is_refused(tmp_path):
-    path = tmp_path / "study.toml"
-    path.write_text((WITHOUT + TARIFF).replace("[cases.tuning]", "[cases.month]"))
-    (sentence,) = problems(read_study, path)
-    assert "[tariff] the costs also have a dimension or number month: rename it" in sentence
 
 
 def test_prices_do_not_change_which_study_it_is(tmp_path):

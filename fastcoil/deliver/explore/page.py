@@ -337,7 +337,7 @@ async def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, ended.set)
+        signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
     ready(f"http://{_NAMES[0]}:{port}/")
     await ended.wait()
     # what is under way is given up, which is no mistake

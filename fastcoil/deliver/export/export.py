@@ -12,13 +12,15 @@ from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.controller import Controller, templates
+from fastcoil.deliver.export.fmu import fmu
 from fastcoil.deliver.export.languages import InC, InST, st_number
+from fastcoil.deliver.export.plcopen import plcopen
 from fastcoil.deliver.export.printer import Laws
 from fastcoil.deliver.export.vectors import Vectors, cycles, vectors_of
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.valve_test import ValveTest
 
-SUFFIXES = {"c": ".c", "st": ".st", "python": ".py"}
+SUFFIXES = {"c": ".c", "st": ".st", "python": ".py", "fmu": ".fmu", "plcopen": ".xml"}
 """Of the files, by language."""
 FIRST_VECTORS = 400
 """Vectors that a program in Structured Text holds, which cannot read files."""
@@ -41,9 +43,12 @@ def export_controller(
         One loop, no sweep: parameters of its controller, inverse and estimator are in the code.  Its plant is only that
         of the simulated day among the vectors.
     path
-        File of the code: ``NAME.c``, ``NAME.st`` or ``NAME.py``.  NAME is in the names that other code sees.
+        File of the code: ``NAME.c``, ``NAME.st``, ``NAME.py``, ``NAME.fmu`` or ``NAME.xml``.  NAME is in the names that
+        other code sees.
     language
-        ``"c"`` (C99), ``"st"`` (Structured Text of IEC 61131-3) or ``"python"``.
+        ``"c"`` (C99), ``"st"`` (Structured Text of IEC 61131-3), ``"python"``, ``"fmu"`` (the C for co-simulation by
+        FMI 2.0, compiled where this machine has a C compiler) or ``"plcopen"`` (the Structured Text as XML of PLCopen,
+        TC6 2.01).
     test
         A valve test that the controller runs when its input ``start_test`` turns true; ``start`` and ``every`` play no
         part.  A loop with ``test_start`` has one without this.
@@ -76,7 +81,7 @@ def export_controller(
     if fault:
         cure = "leave out what a number may overflow or be divided by 0 in, or port its Python by hand"
         raise InputError(f"{' and '.join(controller.own)} cannot be exported: {fault}: {cure}")
-    files = _files(path, language, text, vectors, controller.number["sample_time"])
+    files = _files(path, language, text, vectors, controller)
     # somebody else's, such as a rule in mine.py beside the loop in mine.toml
     others = [each for each in map(path.with_name, files) if exists(each) and not has_mark(each, _MARK)]
     if others:
@@ -84,7 +89,7 @@ def export_controller(
             [f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others]
         )
     for name, content in files.items():
-        commit(path.with_name(name), content.encode())
+        commit(path.with_name(name), content if isinstance(content, bytes) else content.encode())
     return [path.with_name(name) for name in files]
 
 
@@ -103,17 +108,23 @@ def _name_of(path: Path) -> str:
     return f"c_{name}" if name[:1].isdigit() else name
 
 
-def _files(path: Path, language: str, text: str, vectors: Vectors, sample_time: float) -> dict[str, str]:
+def _files(path: Path, language: str, text: str, vectors: Vectors, controller: Controller) -> dict[str, str | bytes]:
+    """Content of each file by its name."""
     name, stored = _name_of(path), f"{path.stem}_vectors.csv"
     words = {
         "name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs,
         "size": vectors.size, "checksum": f"{vectors.checksum:08x}",
     }  # fmt: skip
-    files = {stored: vectors.csv(path.name, sample_time)}
+    files: dict[str, str | bytes] = {stored: vectors.csv(path.name, controller.number["sample_time"])}
+    code: str | bytes
     if language == "c":
         code = InC(Laws(text), name).text() + _check("c", words | {"columns": len(vectors.columns)})
     elif language == "python":
         code = text.rstrip() + "\n" + _check("py", words | {"zeros": "zeros(" in text})
+    elif language == "fmu":
+        code = fmu(controller, text, name, vectors)
+    elif language == "plcopen":
+        code = plcopen(InST(Laws(text), name), name)
     else:
         code = InST(Laws(text), name).text()
         n = min(FIRST_VECTORS, vectors.size)

@@ -6,9 +6,8 @@ where it is called, for functions of that edition see no state but their own, an
 """
 
 import ast
-from pathlib import Path
 from textwrap import wrap
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from fastcoil.deliver.export.printer import Function, Laws, Named, Printer, statements_in
 from fastcoil.deliver.export.words import WIDTH, broken, number
@@ -87,10 +86,38 @@ class InC(Printer):
 
 OUTPUTS = ("command", "u", "integral_part", "e", "rising", "switches", "estimate", "test", "test_aborted")
 """What the block shows of its state."""
-_TEXTS = (Path(__file__).parent / "laws" / "functions.st").read_text(encoding="utf-8").strip().split("\n\n")
-_MISSING = dict(zip(("math.floor", "math.tanh"), _TEXTS, strict=True))
-"""Functions that the standard lacks."""
 _STEP = "    "
+_INTERMEDIATE = "VAR  (* Intermediate values. *)"
+
+
+class Unit(NamedTuple):
+    """A function or the function block.
+
+    returns: kind of its value, empty for the block.  variables: by what their declaration begins with.
+    """
+
+    name: str
+    returns: str
+    text: str
+    variables: dict[str, list[Named]]
+    body: list[str]
+
+
+_X = {"VAR_INPUT": [Named("x", "real")]}
+_MISSING = {
+    "math.floor": Unit(
+        "floor", "real", "Largest whole number up to x, between -2E9 and 2E9.", _X | {"VAR": [Named("found", "real")]},
+        [
+            *("found := DINT_TO_LREAL(TRUNC(x));", "IF found > x THEN", f"{_STEP}found := found - 1.0;", "END_IF;"),
+            "{} := found;",
+        ],
+    ),
+    "math.tanh": Unit(
+        "tanh", "real", "Hyperbolic tangent.", _X,
+        ["{} := 1.0 - 2.0 / (EXP(2.0 * MAX(MIN(x, 20.0), -20.0)) + 1.0);"],
+    ),
+}  # fmt: skip
+"""Functions that the standard lacks."""
 
 
 class InST(Printer):
@@ -119,37 +146,54 @@ class InST(Printer):
         self.functions |= {one: f"F_{name}_{one}" for one, own in laws.functions.items() if not own.is_section}
 
     def text(self) -> str:
-        missing = [_MISSING[word].format(own) for word, own in self.missing.items()]
-        functions = [self._function(one) for one in self.laws.functions.values() if not one.is_section]
-        return "\n\n".join([self.comment(self.laws.text), *missing, *functions, self._block()]) + "\n"
+        """The whole file."""
+        return "\n\n".join([self.comment(self.laws.text), *map(self._written, self.units())]) + "\n"
 
-    def _function(self, one: Function) -> str:
+    def units(self) -> list[Unit]:
+        """The functions, and the block at the end."""
+        missing = [
+            _MISSING[word]._replace(name=own, body=[line.format(own) for line in _MISSING[word].body])
+            for word, own in self.missing.items()
+        ]
+        functions = [self._function(one) for one in self.laws.functions.values() if not one.is_section]
+        return [*missing, *functions, self._block()]
+
+    def _written(self, unit: Unit) -> str:
+        if unit.returns:
+            lines = [self.comment(unit.text), f"FUNCTION {unit.name} : {self.TYPES[unit.returns]}"]
+        else:
+            lines = [f"FUNCTION_BLOCK {unit.name}"]
+        for opening, variables in unit.variables.items():
+            declared = self._constant if opening == "VAR CONSTANT" else self._declared
+            grouped = opening == _INTERMEDIATE
+            each = self._intermediate(variables) if grouped else self.listed(variables, declared, _STEP)
+            lines += [opening, *each, "END_VAR"]
+        lines += unit.body if unit.returns else ["", *unit.body]
+        return "\n".join([*lines, "END_FUNCTION" if unit.returns else "END_FUNCTION_BLOCK"])
+
+    def _function(self, one: Function) -> Unit:
         own = self.functions[one.name]
         self.words["return"] = f"{own} := {{}};\nRETURN;"
         body = self.block(one.body, 0)
-        lines = [
-            *(self.comment(one.text), f"FUNCTION {own} : {self.TYPES[one.returns]}"),
-            *("VAR_INPUT", *(_STEP + self._declared(each) for each in one.arguments), "END_VAR"),
-            *self._intermediate(self.locals_of(one.body, one.kinds)),
-            *(body[:-1] if body[-1] == "RETURN;" else body),
-            "END_FUNCTION",
-        ]
-        return "\n".join(lines)
+        return Unit(
+            own, one.returns, one.text,
+            {"VAR_INPUT": one.arguments} | self._locals(one),
+            body[:-1] if body[-1] == "RETURN;" else body,
+        )  # fmt: skip
 
-    def _block(self) -> str:
+    def _block(self) -> Unit:
         laws, step = self.laws, self.laws.functions["step"]
-        shown = [one for one in laws.fields if one.name in OUTPUTS]
-        hidden = [one for one in laws.fields if one.name not in OUTPUTS]
-        lines = [
-            f"FUNCTION_BLOCK {self.block_name}",
-            *("VAR_INPUT", *self.listed(step.arguments, self._declared, _STEP), "END_VAR"),
-            *("VAR_OUTPUT", *self.listed(shown, self._declared, _STEP), "END_VAR"),
-            *("VAR CONSTANT", *self.listed(laws.constants, self._constant, _STEP), "END_VAR"),
-            *(f"VAR  (* {laws.state_text} *)", *self.listed(hidden, self._declared, _STEP), "END_VAR"),
-            *self._intermediate(self.locals_of(step.body, step.kinds)),
-            *("", *self._section(step), "END_FUNCTION_BLOCK"),
-        ]
-        return "\n".join(lines)
+        variables = {
+            "VAR_INPUT": step.arguments,
+            "VAR_OUTPUT": [one for one in laws.fields if one.name in OUTPUTS],
+            "VAR CONSTANT": laws.constants,
+            f"VAR  (* {laws.state_text} *)": [one for one in laws.fields if one.name not in OUTPUTS],
+        }
+        return Unit(self.block_name, "", laws.text, variables | self._locals(step), self._section(step))
+
+    def _locals(self, one: Function) -> dict[str, list[Named]]:
+        kinds = self.locals_of(one.body, one.kinds)
+        return {_INTERMEDIATE: [Named(name, kind) for name, kind in kinds.items()]} if kinds else {}
 
     def locals_of(self, body: list[ast.stmt], arguments: dict[str, str]) -> dict[str, str]:
         """With those of the sections that are called, which are written there."""
@@ -170,13 +214,13 @@ class InST(Printer):
         array = f"ARRAY[0..{one.size - 1}] OF " if one.size else ""
         return f"{one.name} : {array}{self.TYPES[one.kind]};"
 
-    def _intermediate(self, kinds: dict[str, str]) -> list[str]:
+    def _intermediate(self, variables: list[Named]) -> list[str]:
         """Declarations of the intermediate values, by type."""
         lines = []
         for kind, word in self.TYPES.items():
-            names = [name for name, own in kinds.items() if own == kind]
+            names = [one.name for one in variables if one.kind == kind]
             lines += wrap(f"{', '.join(names)} : {word};", WIDTH - 4) if names else []
-        return ["VAR  (* Intermediate values. *)", *(_STEP + line for line in lines), "END_VAR"] if lines else []
+        return [_STEP + line for line in lines]
 
     def _constant(self, one: Named) -> str:
         if isinstance(one.value, list):

@@ -33,7 +33,8 @@ _HOURS, _HOURS_TO_IDENTIFY = 1, 3  # of the simulated day: an estimate from step
 _TEST_START = 1800.0  # s
 _LIMITS = -50.0, 150.0  # of a good reading, degC
 _INPUTS = ("T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command")
-_FLAGS = ("enabled", "start_test", "reset")
+FLAGS = ("enabled", "start_test", "reset")
+"""Inputs that are true or false."""
 _LARGEST_ERROR = 25.0  # K; a reading stays plausible
 _MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
 _OFF = (95, 103, 150)  # cycles at which the plant goes off for the next four
@@ -113,7 +114,7 @@ def cycles(text: str, given: Mapping[str, Array], outputs: Sequence[str]) -> Ite
     exec(compile(text, "<laws>", "exec"), laws)
     s = laws["State"]()
     for row in zip(*(values.tolist() for values in given.values()), strict=True):
-        laws["step"](s, *(x > 0.5 if name in _FLAGS else x for name, x in zip(given, row, strict=True)))
+        laws["step"](s, *(x > 0.5 if name in FLAGS else x for name, x in zip(given, row, strict=True)))
         yield [float(getattr(s, name)) for name in outputs]
 
 

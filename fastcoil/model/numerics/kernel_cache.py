@@ -28,6 +28,7 @@ from numba.core.serialize import dumps
 
 from fastcoil.base.errors import StorageError
 from fastcoil.base.files import commit
+from fastcoil.base.machine import is_foreign, is_open_to_others
 
 _FORMAT = b"fastcoil kernel 1\n"
 _KEPT_FOLDERS = 4
@@ -120,14 +121,14 @@ def _problem(folder: Path) -> str:
     try:
         for each in (*reversed(folder.parents[:2]), folder):
             _make(each)
-            if each.stat().st_uid != os.geteuid():
+            if is_foreign(each.stat()):
                 return "belongs to another user"
         found = folder.lstat()
     except OSError as error:
         return f"cannot be made ({error.strerror})"
     if stat.S_ISLNK(found.st_mode):
         return "is a symbolic link"
-    return "can be written by other users" if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else ""
+    return "can be written by other users" if is_open_to_others(found) else ""
 
 
 def has_kernel(folder: Path, name: str) -> bool:

@@ -1,6 +1,7 @@
 """``sobol_indices``: which parameters drive the spread of a result over a population."""
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from fastcoil.model.metric_table import METRICS, STATUS_OK, metric_meant
 INDICES = ("first_order", "total")
 EDGES = ("value", "low", "high")
 _RESAMPLES = 1000
+_NO_CHANCE = 5.0  # standard deviations of the rank correlation of independent numbers
 
 
 def sobol_indices(
@@ -45,7 +47,7 @@ def sobol_indices(
     Raises
     ------
     InputError
-        For a result of another design, an unknown metric, or failed scenarios.
+        For a result of another design, correlated parameters, an unknown metric, or failed scenarios.
     """
     with checking() as check:
         check(check_result, ds)
@@ -64,6 +66,7 @@ def sobol_indices(
         f"metrics: {n!r} is no quantity over sample and design: give a metric such as rmse" for n in no_quantity
     ]
     refuse(problems)
+    _require_independence(ds.sel(design="A"), parameters)
     found = {}
     coords: dict[Any, Any] = {"parameter": parameters, "index": list(INDICES), "edge": list(EDGES)}
     for name in names:
@@ -82,6 +85,21 @@ def sobol_indices(
         found[f"{name}_n_samples"] = (tuple(others), np.isfinite(cells).all(axis=2).sum(axis=1).reshape(shape))
         coords |= {d: ds[d] for d in others}
     return xr.Dataset(found, coords=coords)
+
+
+def _require_independence(sample: xr.Dataset, parameters: Sequence[str]) -> None:
+    """Refuse parameters of a sample whose ranks correlate by more than chance."""
+    drawn = [n for n in parameters if n in sample.coords and sample[n].dims == ("sample",)]
+    numbers = [n for n in drawn if sample[n].dtype.kind in "fiu"]
+    for a, b in combinations(numbers, 2):
+        ranks = [np.unique(sample[n].values, return_inverse=True)[1] for n in (a, b)]
+        with np.errstate(invalid="ignore"):  # one that does not vary
+            rho = float(np.asarray(np.corrcoef(ranks))[0, 1])
+        if abs(rho) * np.sqrt(sample.sizes["sample"]) > _NO_CHANCE:
+            raise InputError(
+                f"{a} and {b} are correlated (rank correlation {rho:.2f}), and Sobol' indices share the spread among "
+                "independent parameters alone: draw them without correlation"
+            )
 
 
 def _is_metric(values: xr.DataArray) -> bool:

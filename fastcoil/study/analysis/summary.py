@@ -13,6 +13,7 @@ from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
+from fastcoil.study.analysis.precision import precision_of
 from fastcoil.study.analysis.selected import numeric_dims
 
 PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
@@ -34,6 +35,7 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     if failed == n:
         return lines
     asked = " ".join(str(ds.attrs.get("summary", "")).split())
+    lines += [precision.in_words(ds)] if (precision := precision_of(ds)) else []
     return [*lines, *cautions(ds), *([f"Asked: {asked}"] if asked else []), *findings(ds, billing)]
 
 

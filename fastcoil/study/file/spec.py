@@ -5,16 +5,20 @@ A study has the tables ``[loop]`` (constants, ``preset``, ``include``), ``[sweep
 ``[boundary]`` (``kind`` and its arguments), ``[run]``, ``[tune]`` and ``[tariff]``; all but ``[loop]`` may be absent.
 """
 
+from __future__ import annotations
+
 import hashlib
 import inspect
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fastcoil.base.arguments import collecting, refuse
+import xarray as xr
+
+from fastcoil.base.arguments import choice_of, collecting, refuse
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.design.operating_points import require_one_gap
@@ -28,11 +32,13 @@ from fastcoil.loops.scenarios import Layout
 from fastcoil.model.metric_table import METRICS
 from fastcoil.model.numerics.jit import model_sha256
 from fastcoil.study.analysis.cost import TAKEN, tariff_of
+from fastcoil.study.analysis.precision import FEWEST, USUAL_MOST, Precision
 from fastcoil.study.analysis.selected import listed
 from fastcoil.study.analysis.summary import Billing
 from fastcoil.study.file.loop import build_loop, read_includes, warn_of_magnitudes
 from fastcoil.study.file.own_code import Source, find_rules, find_source
-from fastcoil.study.file.tables import RunTable, StudyFile, parse_tables, parse_toml, with_hints
+from fastcoil.study.file.sample import LARGEST_SAMPLE, SALTELLI, SAMPLE_DIM, design_size, digests_of
+from fastcoil.study.file.tables import PrecisionTable, RunTable, StudyFile, parse_tables, parse_toml, with_hints
 
 BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "paper_day": paper_day,
@@ -96,15 +102,40 @@ def billing_of(table: Mapping[str, Any], layout: Layout | None) -> Billing:
         problems = [
             f"the costs also have a dimension or number {dim}: rename it" for dim in layout.sizes if dim in TAKEN
         ]
-        dims = [name for name in layout.loop.sizes if name != "sample"]
-        for dim, label in baseline.items():
-            if dim not in dims:
-                known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
-                problems.append(f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}")
-            elif label not in (labels := layout.coordinates()[dim].values.tolist()):
-                problems.append(f"baseline: {dim} has no label {shown(label)}: choose one of {listed(labels)}")
+        problems += _baseline_problems(baseline, layout)
     refuse(problems)
     return Billing(tariff, baseline)
+
+
+def _baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[str]:
+    """A sentence for each dim and label of a baseline that the loops of a study do not have."""
+    dims = [name for name in layout.loop.sizes if name != SAMPLE_DIM]
+    for dim, label in baseline.items():
+        if dim not in dims:
+            known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
+            yield f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}"
+        elif label not in (labels := layout.coordinates()[dim].values.tolist()):
+            yield f"baseline: {dim} has no label {shown(label)}: choose one of {listed(labels)}"
+
+
+def asked_of_precision(table: PrecisionTable, sample: Mapping[str, Any] | None) -> Precision:
+    """The precision that a study asks; of a wrong [sample], which is refused elsewhere, with a batch of one."""
+    problems: list[str] = []
+    with collecting(problems):
+        choice_of("metric", table.metric, METRICS)
+    if not table.half_width > 0.0:
+        problems.append(f"half_width = {table.half_width:g}: must be above 0")
+    if sample is None:
+        problems.append("[sample] is missing: give what is to be drawn")
+    elif sample.get("method") == SALTELLI:
+        problems.append("saltelli draws for Sobol' indices: take another method")
+    size = design_size({**(sample or {}), "method": ""})
+    most = size * USUAL_MOST if table.most is None else table.most
+    if not size * FEWEST <= most <= LARGEST_SAMPLE:
+        few = f"{size * FEWEST:,}, {FEWEST} batches of [sample] size"
+        problems.append(f"most = {most:,}: must be at least {few}, and at most {LARGEST_SAMPLE:,}")
+    refuse(problems)
+    return Precision(table.metric, table.half_width, table.relative, dict(table.baseline), size, most)
 
 
 def asked_of_tuning(table: Mapping[str, Any], run: RunTable, loop: Loop, boundary: Boundary, folder: Path) -> Asked:
@@ -135,9 +166,10 @@ class Study:
     """A study that can be run: its text and tables, its question, and the validated plan.
 
     folder: where its relative paths start.  reduction: the function that ``[run] reduce`` names, if any.  included: the
-    parameters from the files in ``[loop] include``.  rules: the code of its own estimators and control laws, by name.
-    predict: whether results get ``PREDICTIONS``.  tuning: what ``[tune]`` asks, if anything.  billing: what
-    ``[tariff]`` asks, if anything.
+    parameters from the files in ``[loop] include``.  measured: hashes of the files that ``[sample]`` names.  rules: the
+    code of its own estimators and control laws, by name.  predict: whether results get ``PREDICTIONS``.  tuning: what
+    ``[tune]`` asks, if anything.  billing: what ``[tariff]`` asks, if anything.  precision: what ``[run] precision``
+    asks, if anything.  batches: of samples in ``plan``.  whole: the plan of the most samples that may be drawn.
     """
 
     text: str
@@ -148,15 +180,19 @@ class Study:
     folder: Path
     reduction: Source | None
     included: Mapping[str, Any] = field(default_factory=dict)
+    measured: Sequence[str] = ()
     rules: Mapping[str, Source] = field(default_factory=dict)
     predict: bool = False
     tuning: Asked | None = None
     billing: Billing | None = None
+    precision: Precision | None = None
+    batches: int = 1
+    whole: Plan | None = field(default=None, repr=False)
 
     @property
     def model_sha256(self) -> str:
         """Hash of the sources of the model that it uses."""
-        return model_sha256(frozenset(words_used(self.plan.layout.loop, "estimator")))
+        return model_sha256(frozenset(words_used((self.whole or self.plan).layout.loop, "estimator")))
 
     @property
     def sha256(self) -> str:
@@ -169,8 +205,32 @@ class Study:
         parts = [json.dumps(decisive, default=str), self.plan.layout.boundary.sha256]
         parts += [self.reduction.sha256] if self.reduction else []
         parts += [json.dumps(self.included)] if self.included else []
+        parts += self.measured
         parts += [self.rules[name].sha256 for name in sorted(self.rules)]
+        parts += [f"{self.batches} batches"] if self.precision else []
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+    def of_batches(self, batches: int) -> Study:
+        """The study with its first batches of samples, one with ``precision``."""
+        if self.precision is None or self.whole is None or batches == self.batches:
+            return self
+        layout, n = self.whole.layout, batches * self.precision.size
+        drawn = {name: values for name, values in layout.loop.swept.items() if SAMPLE_DIM in values.dims}
+        loop = layout.loop.assign(**{name: values.isel({SAMPLE_DIM: slice(n)}) for name, values in drawn.items()})
+        layout = Layout(loop, layout.boundary, layout.sizes.get("replicate", 1))
+        return replace(self, plan=replace(self.whole, layout=layout), batches=batches)
+
+    def of_hash(self, sha256: str) -> Study | None:
+        """The study with as many batches as the one with this hash has; None if it is another study."""
+        counts = self.precision.counts if self.precision else [self.batches]
+        found = (n for n in counts if replace(self, batches=n).sha256 == sha256)
+        return next((self.of_batches(n) for n in found), None)
+
+    def larger(self, ds: xr.Dataset) -> Study | None:
+        """The study with more batches than had the result ``ds``; None if these suffice, or are all."""
+        if self.precision is None or self.precision.is_enough(ds):
+            return None
+        return self.of_batches(next(n for n in self.precision.counts if n > self.batches))
 
 
 def read_study(
@@ -196,7 +256,12 @@ def _study(
 ) -> Study:
     file, problems = parse_tables(tables)
     run = file.run
+    precision: Precision | None = None
     try:
+        if run.precision is not None:
+            with collecting(problems, "[run] precision: "):
+                precision = asked_of_precision(run.precision, file.sample)
+        batches = precision.counts[-1] if precision else 1
         file, sources, rules = find_rules(file, folder)
         if prepare is not None:
             for rule in rules.values():
@@ -210,13 +275,13 @@ def _study(
         return None
 
     included = attempt(read_includes, file.loop, folder, prefix="[loop] ") or {}
-    loop = attempt(build_loop, file, included, rules)
+    loop = attempt(build_loop, file, included, rules, folder, batches)
     if loop is not None:
         require_room(file, loop)
     boundary = attempt(build_boundary, file.boundary, folder)
     plan = tuning = billing = reduction = None
     if loop is not None and boundary is not None:
-        options = run.model_dump(exclude={"reduce", "predict"})
+        options = run.model_dump(exclude={"reduce", "predict", "precision"})
         plan = attempt(plan_simulation, loop, boundary, **options, traces_on_disk=True)
         if file.tune is not None:
             tuning = attempt(asked_of_tuning, file.tune, run, loop, boundary, folder, prefix="[tune] ")
@@ -231,10 +296,13 @@ def _study(
         if not run.traces:
             cure = 'list the traces it needs, such as traces = ["T_sup"]'
             problems.append(f"[run] reduce = {run.reduce!r} without traces: {cure}")
+    if precision is not None and plan is not None:
+        problems += [f"[run] precision: {problem}" for problem in _baseline_problems(precision.baseline, plan.layout)]
     if problems or plan is None:
         raise InputError(problems)
     warn_of_magnitudes(plan.layout.loop)
-    return Study(
-        text, tables, file.title or name, file.question, plan, folder, reduction, included, sources, run.predict,
-        tuning, billing,
+    study = Study(
+        text, tables, file.title or name, file.question, plan, folder, reduction, included,
+        digests_of(file.sample, folder), sources, run.predict, tuning, billing, precision, batches, plan,
     )  # fmt: skip
+    return study.of_batches(FEWEST) if precision else study

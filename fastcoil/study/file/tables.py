@@ -73,6 +73,16 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+class PrecisionTable(_Strict):
+    """How precisely the mean of a metric is asked."""
+
+    metric: str = Field(..., examples=['"rmse"'])
+    half_width: float = Field(..., examples=[0.01])
+    relative: bool = False
+    baseline: dict[str, float | str] = {}
+    most: int | None = None
+
+
 class RunTable(_Strict):
     """How to run, not what."""
 
@@ -84,6 +94,7 @@ class RunTable(_Strict):
     trace_interval: int = 60
     reduce: str | None = None
     predict: bool = False
+    precision: PrecisionTable | None = None
 
 
 class StudyFile(_Strict):
@@ -99,6 +110,10 @@ class StudyFile(_Strict):
     run: RunTable = RunTable()
     tune: dict[str, Any] | None = None
     tariff: dict[str, Any] | None = None
+
+
+_MODELS: dict[str, type[BaseModel]] = {"": StudyFile, "run": RunTable, "run.precision": PrecisionTable}
+"""Those whose keys are known, by the name of the table; without a name: the file."""
 
 
 def parse_tables(tables: dict[str, Any]) -> tuple[StudyFile, list[str]]:
@@ -134,7 +149,7 @@ def known_parameters(
 
 def sampled_names(table: Mapping[str, Any] | None) -> list[str]:
     """Names of the parameters in ``[sample]``; none if the table is absent."""
-    return [name for name in table or {} if name not in ("method", "size", "seed")]
+    return [name for name in table or {} if name not in ("method", "size", "seed", "correlation")]
 
 
 def are_numbers(values: object, count: int) -> bool:
@@ -160,16 +175,24 @@ def _sentences(error: ValidationError) -> Iterator[str]:
     """A sentence for each mistake in the shape of the file: place, value, cure."""
     details = error.errors()
     unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
-    for prefix, model in (("", StudyFile), ("[run] ", RunTable)):
-        of_table = [str(key) for *parents, key in unknown if bool(parents) == bool(prefix)]
+    for table, model in _MODELS.items():
+        of_table = [str(key) for *parents, key in unknown if ".".join(map(str, parents)) == table]
         for name, hint in with_hints(of_table, model.model_fields):
+            prefix = f"[{table}] " if table else ""
             yield f"{prefix}{name} is unknown{hint}; known: {', '.join(model.model_fields)}"
     for detail in details:
-        table, *keys = map(str, detail["loc"])
+        place = list(map(str, detail["loc"]))
+        depth = 2 if ".".join(place[:2]) in _MODELS else 1
+        table, keys = ".".join(place[:depth]), place[depth:]
         kind = detail["type"]
         where = f"[{table}] {'.'.join(keys)}" if keys else table
-        if kind == "missing":
+        if kind == "missing" and keys:
+            example = (_MODELS[table].model_fields[keys[-1]].examples or ["…"])[0]
+            yield f"{where} is missing: give it, such as {keys[-1]} = {example}"
+        elif kind == "missing":
             yield f"[{table}] is missing: a study needs this table, it may be empty"
+        elif keys and keys[-1] in ("float", "str"):  # neither of the two types that the key may have
+            yield f"[{table}] {'.'.join(keys[:-1])} = {shown(detail['input'])}: give a number, or a text in quotes"
         elif kind != "extra_forbidden":
             cure = next(cure for start, cure in _CURES.items() if kind.startswith(start))
             yield f"{where} = {shown(detail['input'])}: {cure}"

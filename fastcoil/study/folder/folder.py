@@ -40,6 +40,7 @@ from fastcoil.base.files import (
     require_usable,
     storage_errors,
 )
+from fastcoil.base.machine import patiently
 from fastcoil.base.text import printable
 from fastcoil.study.file.spec import LARGEST_FILE, Study, read_study
 from fastcoil.study.folder.stored import MANIFEST, RESULTS, TRACE_FILES, Manifest, Shards, open_final
@@ -135,7 +136,8 @@ class StudyFolder:
                 f"{self.path}: the study can no longer be read: restore the files that it reads; {cure}\n"
                 + "\n".join(error.problems)
             ) from None
-        if study.sha256 != manifest.study_sha256:
+        found = study.of_hash(manifest.study_sha256)
+        if found is None:
             same_boundary = study.plan.layout.boundary.sha256 == manifest.boundary_sha256
             what = (
                 f"{STUDY}, a file that it includes, or its own code"
@@ -145,7 +147,7 @@ class StudyFolder:
             raise IntegrityError(
                 f"{self.path}: {what} changed since the run was started: restore it, or use another folder; {cure}"
             )
-        return study
+        return found
 
     def open_results(self) -> xr.Dataset:
         return open_final(self.path, Manifest.read(self.path))
@@ -171,7 +173,7 @@ class StudyFolder:
         with storage_errors(self.path, "cleaned up"):
             for path in self.trace_files():
                 if path.name != ds.attrs.get("trace_file"):
-                    path.unlink()
+                    patiently(path.unlink)
         Shards(self.path, manifest.key).discard()
 
 
@@ -184,7 +186,7 @@ def hold(folder: Path) -> Iterator[None]:
     if it cannot be written or its file system has no locks.
     """
     require_usable(folder, "choose another folder with -o")
-    if "\\" in str(folder) or not is_text(str(folder.absolute())):
+    if "\\" in folder.as_posix() or not is_text(str(folder.absolute())):
         raise InputError(
             f"{shown(str(folder))} holds a backslash or bytes that are not UTF-8, with which the NetCDF library cannot "
             "write: choose another folder with -o"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import shlex
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
 from fastcoil.base.files import exists, is_file, is_folder, storage_errors
+from fastcoil.base.machine import command_line, reserve
 from fastcoil.design.prediction import predictions
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import layout_of, try_reading, write
@@ -88,7 +87,7 @@ def open_finished(folder: Path) -> xr.Dataset:
     missing = int((ds["status"].values == STATUS_NOT_RUN).sum())
     if missing or "content_sha256" not in ds.attrs:
         done = ds["status"].size - missing
-        command = f"fastcoil run STUDY.toml -o {shlex.quote(str(folder))}"
+        command = command_line(["fastcoil", "run", "STUDY.toml", "-o", str(folder)])
         raise InputError(
             f"{folder} is unfinished: {done:,} of {ds['status'].size:,} scenarios are done; finish it with `{command}`"
         )
@@ -309,6 +308,7 @@ def merge(folder: StudyFolder, study: Study, manifest: Manifest, parts: Parts, a
     predicted = predictions(plan) if study.predict else xr.Dataset()
     ds = ds.assign(predicted.data_vars)
     ds.attrs = study_attributes(study, manifest) | predicted.attrs | attrs
+    ds.attrs |= study.precision.attributes(ds) if study.precision else {}
     ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
     if plan.traces.names and not study.reduction:
         file = folder.path / f"traces-{manifest.key[:8]}.nc"
@@ -340,6 +340,8 @@ def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
         attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
     if study.rules:
         attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
+    if study.precision:
+        attrs["precision"] = study.precision.text
     if manifest.own_code:
         attrs["own_code"] = json.dumps(manifest.own_code)
     return attrs
@@ -385,11 +387,7 @@ def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], 
         if size < _LARGE:
             return np.full(shape, value, dtype)
         with tempfile.TemporaryFile(dir=folder) as file:
-            # reserved now: on a full disk, a later write to the array would kill the process
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(file.fileno(), 0, size)
-            else:
-                file.truncate(size)
+            reserve(file.fileno(), size)  # on a full disk, a later write to the array would kill the process
             array: np.ndarray = np.memmap(file, dtype, "r+", shape=shape)
         if value != 0:
             array[:] = value

@@ -36,6 +36,7 @@ from fastcoil.base.files import (
     remove_unfinished,
     storage_errors,
 )
+from fastcoil.base.machine import patiently
 from fastcoil.loops.netcdf import StoredFile, file_sha256, load, netcdf_bytes, open_lazily, try_reading, write
 from fastcoil.loops.provenance import FORMAT, combined_sha256, environments_of, variable_sha256
 from fastcoil.loops.scenarios import check_result
@@ -206,8 +207,8 @@ class Shards:
         remove_unfinished(self.path)
         with storage_errors(self.path, "removed"):
             for path in list(self.path.iterdir()):
-                path.unlink() if SHARD_NAME.fullmatch(path.name) else self._quarantine(path)
-            self.path.rmdir()
+                patiently(path.unlink) if SHARD_NAME.fullmatch(path.name) else self._quarantine(path)
+            patiently(self.path.rmdir)
 
     def _inspect(self, path: Path, leave_out: Collection[str]) -> tuple[xr.Dataset | None, str]:
         named = SHARD_NAME.fullmatch(path.name)
@@ -231,7 +232,8 @@ class Shards:
         with storage_errors(path, f"moved to {place}"):
             make_folder(place)
             names = chain([path.name], (f"{path.name}.{k}" for k in count(2)))
-            os.replace(path, next(place / name for name in names if not (place / name).exists()))
+            free = next(place / name for name in names if not (place / name).exists())
+            patiently(lambda: os.replace(path, free))
 
 
 # --- final files ------------------------------------------------------------------------------------------------------

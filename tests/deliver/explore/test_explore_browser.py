@@ -7,7 +7,6 @@ import threading
 import time
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
 from helpers import browsers
@@ -50,13 +49,6 @@ def press(driver, slider, times):
     settled(driver, before)
 
 
-def click(driver, title):
-    before = settled(driver)
-    (button,) = [each for each in deep(driver, "button") if each.text == title]
-    button.click()
-    settled(driver, before)
-
-
 def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     ds = fc.simulate(fc.Loop(), fc.paper_day(), traces=["T_sup", "opening"], trace_interval=5, n_jobs=1)
     assert text_of(page, "headline").startswith("This loop will hunt: about 0.9")
@@ -74,23 +66,6 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     assert data_of(page, "cells", "value") == cells
     press(page, ESTIMATE, 1)
     assert data_of(page, "cells", "value") != cells
-
-
-def test_a_story_the_reset_and_links_right_and_wrong(program, page):
-    click(page, "Estimate too large")
-    assert "its motor chatters" in text_of(page, "headline")
-    link = page.current_url
-    click(page, "Reset")
-    assert text_of(page, "headline").startswith("This loop will hunt")
-    assert page.current_url == program[1] + "?loop=paper_like"
-    page.get(link)
-    settled(page)
-    assert "its motor chatters" in text_of(page, "headline")
-    page.get(program[1] + "?loop=paper_like&backlash=300&ti=40")
-    settled(page)
-    said = text_of(page, "problems")
-    assert said == "'backlash = 300': no setting of this page, or beyond its bounds; the rest of the link is shown."
-    assert text_of(page, "headline").startswith("This loop will not hunt")
 
 
 FOREIGN = """<title>foreign</title>
@@ -124,38 +99,6 @@ def cpu_seconds(pid):
     """Time of the processor that a process has taken."""
     times = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def test_readers_do_not_disturb_each_other(program, page):
-    first = page.current_window_handle
-    page.switch_to.new_window("tab")
-    page.get(program[1])
-    settled(page)
-    click(page, "A good valve")
-    assert text_of(page, "compared") == "The valve has no gap."
-    page.close()
-    page.switch_to.window(first)
-    assert text_of(page, "headline").startswith("This loop will hunt")
-    click(page, "Slower instead")
-    assert text_of(page, "headline").startswith("This loop will not hunt")
-
-
-def test_a_click_on_the_map_goes_there_and_nothing_is_asked_of_anybody_else(page):
-    from selenium.webdriver.common.actions.action_builder import ActionBuilder
-
-    before = settled(page)
-    x, y = page.execute_script(
-        "const view = Bokeh.index.find_one_by_id(Bokeh.documents[0].get_model_by_name('map').id);"
-        "const at = view.el.getBoundingClientRect();"
-        "return [at.x + view.frame.x_scale.compute(9), at.y + view.frame.y_scale.compute(8)]"
-    )
-    actions = ActionBuilder(page)
-    actions.pointer_action.move_to_location(round(x), round(y)).click()
-    actions.perform()
-    settled(page, before)
-    assert "?loop=paper_like&kp=0.04&ti=100" in page.current_url
-    asked = [urlsplit(address) for address in browsers.requests_of(page)]
-    assert {one.hostname for one in asked if one.scheme in ("http", "https", "ws", "wss")} == {"localhost"}
 
 
 def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(program, page):

@@ -98,20 +98,6 @@ def test_what_a_controller_does_not_need_is_left_out(tmp_path):
         assert not re.search(r"malloc|calloc|alloca|goto", text)
 
 
-@pytest.mark.parametrize(("preset", "kp", "ti", "sample_time"), [
-    ("lbnl", 0.03, 60, 5), ("lbnl", 0.002, 8, 5), ("g36", 0.01, 300, 30), ("heating", 0.01, 60, 5),
-])  # fmt: skip
-def test_slow_and_weak_controllers_have_vectors(tmp_path, preset, kp, ti, sample_time):
-    """Their tour needs errors that no log has: far off, and within one row."""
-    loop = fc.Loop.preset(preset).assign(kp=kp, ti=ti, sample_time=sample_time)
-    assert all(path.stat().st_size > 1000 for path in fc.export_controller(loop, tmp_path / "valve.c"))
-
-
-def test_a_file_name_becomes_part_of_names(tmp_path):
-    assert "double c_2nd_floor_valve_step(" in export(tmp_path, "c", "2nd floor - valve").read_text()
-    assert "FUNCTION_BLOCK FB_c_2nd_floor_valve\n" in export(tmp_path, "st", "2nd floor - valve").read_text()
-
-
 @pytest.mark.parametrize(
     ("values", "path", "language", "words"),
     [
@@ -119,7 +105,7 @@ def test_a_file_name_becomes_part_of_names(tmp_path):
         ({**LEARNER, "sample_time": 7.0}, "valve.c", "c", "give 595 or 602"),
         ({"estimator": "hagglund"}, "valve.c", "c", "plant_gain"),
         ({"estimator": "identify", "learning_step": 0.01}, "valve.c", "c", "learning_step belongs to"),
-        ({}, "valve.c", "fortran", "choose 'c', 'st' or 'python'"),
+        ({}, "valve.c", "fortran", "choose 'c', 'st', 'python', 'fmu' or 'plcopen'"),
         ({}, "valve.py", "c", "NAME.c in a folder that exists"),
         ({}, "a\nT_sup,T_set\n1.c", "c", "a name of letters"),
         ({}, "a\x1b[2J.py", "python", "a name of letters"),

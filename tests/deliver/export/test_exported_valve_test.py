@@ -2,7 +2,6 @@
 
 import ctypes
 import math
-import re
 import shutil
 import subprocess
 
@@ -152,12 +151,6 @@ def test_it_begins_at_an_edge_alone_and_bad_readings_hold_it(tmp_path):
     elapsed = s.test_elapsed
     assert laws.step(s, math.nan, 14.0, True, True, False, 0.0) == run[-1]
     assert (s.test, s.test_elapsed) == (1.0, elapsed)
-
-
-def test_without_a_test_the_code_has_none(tmp_path):
-    for language, suffix in SUFFIXES.items():
-        plain = fc.export_controller(loop_of("learner"), tmp_path / f"plain{suffix}", language)
-        assert not re.search(r"start_test|test_|\.test\b", "".join(path.read_text() for path in plain))
 
 
 def test_a_law_of_your_own_and_a_motor_slower_than_the_ramps_are_refused(tmp_path):

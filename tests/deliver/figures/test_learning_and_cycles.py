@@ -40,14 +40,6 @@ def test_an_estimate_climbs_to_the_true_gap_and_marks_where_it_got_there(learned
     assert axes.get_ylabel() == "backlash estimate [%]"
 
 
-def test_several_learners_share_the_line_of_one_gap(learned):
-    axes = fc.plot.learning(learned)
-    names = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert names == ["learning step = 1.17 %", "learning step = 2 %", "true backlash"]
-    assert_texts_fit(axes.figure)
-    assert_palette(axes.figure)
-
-
 def test_the_plane_holds_the_last_swings_between_the_edges_of_the_gap(swinging):
     ds, predicted = swinging
     one = ds.isel(backlash=1)

@@ -1,32 +1,10 @@
 """Colours are those of one scheme, texts are broken to fit, quantities have their labels and units."""
 
-import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
-from fastcoil.base.figures import COLOURS, STYLE, apply_style, wrapped
+from fastcoil.base.figures import STYLE, apply_style
 from fastcoil.loops import labels
 from fastcoil.loops.labels import quantity
 from fastcoil.model.metric_table import METRICS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
-
-
-def test_colours_are_those_of_a_scheme_for_everybody():
-    """Tol, Colour Schemes, SRON/EPS/TN/09-002, issue 3.2 (2021): "high-contrast", also in a grey print."""
-    assert COLOURS == ("#004488", "#BB5566", "#DDAA33")
-
-
-@pytest.mark.parametrize("inches", [3.0, 9.6])
-def test_a_wrapped_text_is_no_wider_than_asked_for(inches):
-    words = (
-        "Line: median of 15 values of backlash (1 to 15 %) × 24 tunings × 100 days = 36,000 scenarios; WIDE MEANS WIDE "
-    )
-    figure = Figure(figsize=(inches, 2.0))
-    text = figure.text(0.0, 0.0, wrapped(words * 3, inches, 9), fontsize=9)
-    extent = text.get_window_extent(FigureCanvasAgg(figure).get_renderer())
-    assert extent.width <= figure.bbox.width
-    assert extent.width >= 0.7 * figure.bbox.width
-    assert wrapped("one\ntwo", inches, 9) == "one\ntwo"
 
 
 def test_the_style_is_applied_and_taken_back():

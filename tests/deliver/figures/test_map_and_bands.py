@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.results import result
 from matplotlib.colors import to_hex
 
@@ -26,14 +25,6 @@ def test_a_map_has_the_median_in_every_cell(ds):
     scale = axes.figure.axes[-1]
     assert scale.get_ylabel() == "RMS error [K]"
     assert "median of 6 days" in axes.get_title(loc="left").replace("\n", " ")
-
-
-def test_values_in_another_order_are_drawn_where_they_belong(ds):
-    mixed = ds.isel(backlash=[2, 0, 3, 1])
-    one, other = (np.asarray(fc.plot.map(each).collections[0].get_array()) for each in (ds, mixed))
-    np.testing.assert_array_equal(one, other)
-    one, other = (fc.plot.bands(each, x="backlash").lines[-1].get_xydata() for each in (ds, mixed))
-    np.testing.assert_array_equal(one, other)
 
 
 def test_a_share_and_a_change_against_a_baseline_are_shown_in_per_cent(ds):
@@ -60,15 +51,6 @@ def test_up_to_three_labels_have_a_curve_each_and_the_heading_says_what_is_left_
     assert "; shown are 3 of 4 values of backlash" in axes.get_title(loc="left").replace("\n", " ")
 
 
-def test_one_swept_number_needs_no_name_and_names_make_curves_too(ds):
-    axes = fc.plot.bands(ds.isel(estimate_ratio=0), "share_off")
-    found = (axes.get_xlabel(), axes.get_ylabel().replace("\n", " "))
-    assert found == ("backlash [%]", "share of time with |e| > 0.5 K [%]")
-    named = ds.isel(backlash=[0, 1]).rename(backlash="tuning").assign_coords(tuning=["slow", "fast"])
-    axes = fc.plot.bands(named, by="tuning")
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["slow", "fast"]
-
-
 def test_what_failed_is_told(ds):
     failed = ds.where(ds.backlash > 0.03).assign(status=ds.status.where(ds.backlash > 0.03, 2))
     heading = fc.plot.map(failed).get_title(loc="left").replace("\n", " ")
@@ -76,13 +58,6 @@ def test_what_failed_is_told(ds):
     nothing = (ds * np.nan).assign(status=ds.status)
     assert "no finite value" in [text.get_text() for text in fc.plot.map(nothing).texts]
     assert "no finite value" in [text.get_text() for text in fc.plot.bands(nothing, x="backlash").texts]
-
-
-def test_figures_of_their_own_are_a_column_wide_legible_and_of_our_colours(ds):
-    for axes in (fc.plot.map(ds, "share_off"), fc.plot.bands(ds, x="backlash", by="estimate_ratio")):
-        assert axes.figure.get_figwidth() == 3.5
-        assert_texts_fit(axes.figure)
-    assert_palette(axes.figure)
 
 
 @pytest.mark.parametrize(

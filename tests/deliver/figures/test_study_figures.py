@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
 from helpers.results import drawn, result
-from helpers.rules import by_error
 
 from fastcoil.base.errors import InputError
 from fastcoil.deliver.figures import swept as plots
 from fastcoil.deliver.figures.swept import control_dims
-from fastcoil.loops.scenarios import coordinate_attrs
 from fastcoil.study.analysis.compare import relative_to
 from fastcoil.study.analysis.selected import binned
 
@@ -63,45 +61,6 @@ def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept):
     np.testing.assert_allclose(drawn_one_by_one, [*ds.rmse, ds.rmse.median("tuning")])
 
 
-def test_alternatives_show_the_median_and_the_range_or_each_of_a_few(swept):
-    (axes,) = plots.panels(swept, "tuning", metrics=["rmse"]).axes
-    over = ["backlash", "estimate_ratio", "day"]
-    (ranges,) = axes.collections
-    low, high = (swept.rmse.quantile(q, over) for q in (0.1, 0.9))
-    np.testing.assert_allclose([segment[:, 0] for segment in ranges.get_segments()], np.transpose([low, high]))
-    np.testing.assert_allclose(axes.lines[-1].get_xdata(), swept.rmse.median(over))
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["slow", "fast"]
-    few = swept.isel(backlash=[0, 1], estimate_ratio=0, day=0)
-    (axes,) = plots.panels(few, "tuning", metrics=["rmse"]).axes
-    assert not axes.collections
-    np.testing.assert_array_equal([line.get_xdata() for line in curves(axes)[:-1]], few.rmse.T)
-
-
-@pytest.mark.parametrize(
-    ("draw", "words"),
-    [
-        (lambda ds: plots.panels(ds, "estimate_ratio", "backlash"), "Colour: median of 2 tunings × 6 days"),
-        (
-            lambda ds: plots.panels(ds, "backlash"),
-            "Line: median of 2 tunings × 4 values of estimate_ratio × 6 days; band: 10th to 90th percentile",
-        ),
-        (
-            lambda ds: plots.panels(ds.isel(day=0), "estimate_ratio", by="backlash"),
-            "Line: median of 2 tunings; thin lines: each of these",
-        ),
-        (
-            lambda ds: plots.panels(ds.isel(backlash=0, day=0), "tuning"),
-            "Dot: median of 4 values of estimate_ratio; small dots: each of these",
-        ),
-        (lambda ds: plots.panels(ds.isel(tuning=0, day=0), "estimate_ratio", by="backlash"), "Line: a single scenario"),
-    ],
-)
-def test_the_heading_says_what_is_pooled_and_what_the_marks_are(swept, draw, words):
-    title, *heading = draw(swept).get_suptitle().splitlines()
-    assert title == "A question"
-    assert " ".join(heading) == words
-
-
 @pytest.mark.parametrize(("millimetres", "relative"), [(84, True), (174, False), (None, False)])
 def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(
     swept, millimetres, relative
@@ -113,14 +72,6 @@ def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hid
         assert inches is None or figure.get_figwidth() == inches
         assert_texts_fit(figure)
         assert_palette(figure)
-
-
-def test_a_narrow_figure_has_its_panels_one_above_the_other(swept):
-    figure = plots.panels(swept, "estimate_ratio", "backlash", width=84 / 25.4)
-    panels = [axes for axes in figure.axes if axes.get_xlabel()]
-    assert len({axes.get_subplotspec().colspan.start for axes in panels}) == 1
-    with pytest.raises(InputError, match="a figure of 84 mm takes no 3 panels abreast: give fewer metrics, or more"):
-        plots.panels(swept, "estimate_ratio", by="backlash", width=84 / 25.4)
 
 
 @pytest.mark.parametrize(
@@ -206,13 +157,6 @@ def test_a_drawn_parameter_is_drawn_with_the_scatter_in_each_group():
     )
 
 
-def test_empty_places_of_groups_count_neither_as_failed_nor_as_scenarios():
-    ds = drawn(101)
-    ds.status[0, 3] = 1
-    heading = " ".join(plots.panels(binned(ds, ["kp", "ti"]), "kp", "ti", metrics=["rmse"]).get_suptitle().split())
-    assert heading.endswith("; without 1 of 202 scenarios, which failed")
-
-
 def test_changes_are_in_per_cent_around_a_line_at_0(swept):
     against = relative_to(swept, {"estimate_ratio": 0}, "the plain PI")
     (axes,) = plots.panels(against, "backlash", metrics=["switch_frequency"]).axes
@@ -230,22 +174,3 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept):
 def test_rows_that_there_cannot_be_are_refused(swept, by, words):
     with pytest.raises(InputError, match=words):
         plots.panels(swept, "backlash", by=by)
-
-
-def test_of_many_controllers_the_first_the_middle_and_the_last_have_rows():
-    names = [f"rule {k}" for k in range(9)]
-    ds = result(("controller", "kp", "day"), {"controller": names}, rmse=np.random.default_rng(3).random((9, 3, 5)))
-    figure = plots.standard_figures(ds)["bands"]()
-    assert [axes.get_title(loc="left") for axes in figure.axes] == ["rule 0", "rule 4", "rule 8"]
-    assert "shown are 3 of 9 values of controller" in figure.get_suptitle().replace("\n", " ")
-
-
-def test_a_parameter_of_a_rule_has_its_unit_and_what_it_is_and_a_numbered_dim_is_no_axis(swept):
-    gains = swept.rename(backlash="gain", estimate_ratio="seconds").assign_coords(gain=[1e-4, 3e-4, 1e-3])
-    gains["gain"].attrs = coordinate_attrs("gain", by_error.own)
-    gains["seconds"].attrs = {"long_name": "seconds"}
-    figure = plots.panels(gains, "gain", metrics=["rmse"])
-    assert figure.axes[0].get_xlabel() == "gain [K-1 s-1]: how fast it moves"
-    assert_texts_fit(figure)
-    with pytest.raises(InputError, match="'seconds' is not a swept number"):
-        plots.panels(gains, "seconds")

@@ -48,18 +48,6 @@ def test_up_to_three_scenarios_are_named_by_what_differs_and_the_set_point_is_dr
     assert len(above.lines) == 3
 
 
-def test_a_day_with_a_date_has_it_along_the_axis(day):
-    dated = day.assign(start="2026-07-01T08:00", time_zone="Europe/Berlin")
-    ds = fc.simulate(fc.Loop(), dated, traces=["T_sup"], trace_interval=60, n_jobs=1)
-    axes = fc.plot.traces(ds, dated)
-    axes.figure.canvas.draw()
-    assert axes.get_xlabel() == "date and time (Europe/Berlin)"
-    assert axes.xaxis.get_major_formatter().get_offset() == "2026-Jul-01"
-    shown = [tick.get_text() for tick in axes.get_xticklabels()]
-    assert shown[0] == "08:00"
-    assert_texts_fit(axes.figure)
-
-
 def test_several_days_have_their_own_set_points():
     days = fc.Boundary.concat([fc.constant_day(1, T_set=13), fc.constant_day(1, T_set=15).assign(day=5)])
     ds = fc.simulate(fc.Loop(), days, traces=["T_sup"], trace_interval=60, n_jobs=1)
@@ -67,14 +55,6 @@ def test_several_days_have_their_own_set_points():
     assert [line.get_ydata()[0] for line in axes.lines[-2:]] == [13, 15]
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["day 0", "day 5", "set-point"]
     assert fc.plot.traces(ds.isel(day=1), days).lines[-1].get_ydata()[0] == 15
-
-
-def test_it_draws_into_given_axes_and_makes_no_figure(ds):
-    axes = Figure().subplots()
-    assert fc.plot.traces(ds.isel(backlash=0), show="T_sup", ax=axes) is axes
-    panels = Figure().subplots(2)
-    assert list(fc.plot.traces(ds.isel(backlash=0), ax=panels)) == list(panels)
-    assert not plt.get_fignums()
 
 
 def test_a_figure_of_its_own_is_a_column_wide_legible_of_our_colours_and_leaves_the_settings_of_the_user(ds, day):

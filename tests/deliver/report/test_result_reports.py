@@ -1,6 +1,5 @@
 """The reports of diagnoses, fits, tunings and explanations, in Python and as an option of their commands."""
 
-import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from helpers.commands import fastcoil
 from helpers.loop_logs import loop_log, write_log
 from helpers.pages import Page
-from helpers.simulated_logs import coil_log, flows, log_of, noisy, walk
+from helpers.simulated_logs import flows, log_of, noisy, walk
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, InputTypeError
@@ -64,21 +63,6 @@ def test_a_fit_that_is_not_identified_says_so_first_and_names_from_a_log_are_sho
     assert "</pre><img src=http://example.org/>" in text
 
 
-@pytest.mark.full
-def test_a_coil_and_a_loop_without_flow_meter_have_pages_too(tmp_path):
-    assert "[fit.interval_95] C_w = " in page_of(fc.fit_coil(coil_log(hours=1.0)), tmp_path / "coil.html")
-    day = fc.paper_day(hours=5, seed=1)
-    loop = fc.Loop.preset("lbnl").assign(backlash=0.09, noise_std=0.02)
-    log = fc.simulate(loop, day, traces=["command", "T_measured"])[["command", "T_measured"]]
-    log = log.rename(T_measured="T_sup").isel(elapsed_time=slice(None, None, 30))
-    for name in ("m_a", "T_a_in", "W_a_in", "T_w_in"):
-        log[name] = day.to_dataset()[name].sel(elapsed_time=log["elapsed_time"])
-    fit = fc.fit_loop(log, fc.Loop.preset("lbnl"))
-    text = page_of(fit, tmp_path / "loop.html")
-    assert f"The gap is {100 * fit.backlash:.2f} % of the stroke" in text
-    assert "Which backlash does this valve have, seen from the supply air temperature?" in text
-
-
 def test_a_diagnosis_on_the_command_line(tmp_path):
     write_log(loop_log(hours=1.0), tmp_path / "log.csv")
     page = tmp_path / "diagnosis.html"
@@ -90,33 +74,6 @@ def test_a_diagnosis_on_the_command_line(tmp_path):
     assert done.output.splitlines()[1] in found.text
     assert "Is it the valve? log.csv" in found.text
     assert "[fit.indices]" in found.text
-
-
-@pytest.mark.full
-def test_a_tuning_says_what_it_does_on_the_hold_out(tmp_path):
-    loop = fc.Loop.preset("lbnl").assign(backlash=("sample", [0.0, 0.03, 0.06, 0.09]), noise_std=0.02)
-    found = fc.tune(
-        loop, fc.paper_day(hours=0.5, seed=[1, 2]), search={"kp": (0.01, 0.1)}, limits={"motor_travel": "now"},
-        evaluations=20, warm_up=600, n_jobs=1,
-    )  # fmt: skip
-    text = page_of(found, tmp_path / "tuning.html")
-    assert all(note in text for note in found.notes)
-    value = found.held_out["change"].sel(tuning="chosen", edge="value")
-    assert f"{float(value):+.0%} against now" in text
-    assert tomllib.loads(found.to_toml())["loop"] == found.parameters
-    assert " ".join(found.to_toml().split()) in text
-
-
-@pytest.mark.full
-def test_an_explanation_says_what_to_do(tmp_path):
-    found = fc.explain(fc.Loop.preset("lbnl").assign(kp=0.03, ti=5), fc.paper_day(hours=2))
-    text = page_of(found, tmp_path / "explanation.html")
-    assert text.index(found.text.splitlines()[0]) < text.index("In one figure")
-    assert "Do this: " in text
-    assert all(words in text for words in found.cures["words"].values)
-    done = fastcoil("explain", "lbnl", "--report", tmp_path / "lbnl.html")
-    assert done.exit_code == 0, done.output
-    assert "Will this loop hunt? kp = 0.018 1/K, ti = 30 s" in Page(tmp_path / "lbnl.html").text
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,7 @@ import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.deliver.report import page as pictures
 from fastcoil.deliver.report import study as module
-from fastcoil.deliver.report.page import Code, Section, Table, change, how, left_out, number, picked, setting, span
-from fastcoil.deliver.report.page import Page as Made
+from fastcoil.deliver.report.page import Table, change, number, setting, span
 from fastcoil.deliver.report.study import comparisons
 from fastcoil.study.analysis.summary import findings
 
@@ -161,14 +160,6 @@ def test_the_table_has_the_recommended_estimate_with_the_number_of_the_answer():
     assert "29 % lower" in brings
 
 
-def test_a_metric_of_its_own_has_a_column_with_its_unit():
-    rmse = xr.DataArray([[0.3, 0.4], [0.2, 0.1]], dims=("kp", "day"), coords={"kp": [0.01, 0.02]})
-    peak = (40 + rmse).assign_attrs(units="degC", long_name="highest supply temperature")
-    (table,) = comparisons(xr.Dataset({"rmse": rmse, "peak": peak, "status": xr.zeros_like(rmse, dtype=np.int8)}))
-    assert table.head[-1] == "highest supply temperature [°C]"
-    assert [row[-1] for row in table.rows] == ["40.3", "40.2"]
-
-
 def test_a_single_scenario_has_a_page_with_every_metric(out):
     run("[boundary]\nhours = 0.25\n[run]\nwarm_up = 100\n[loop]\n", out)
     page = Page(fc.report(out))
@@ -195,20 +186,6 @@ def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(
     assert not (other / "report.html").exists()
 
 
-def test_code_keeps_its_lines(tmp_path):
-    made = Made("Study", "t", "", [], [], [Section("Code", [Code("a = 1\r\n\n  b = '<x>'\x1b[31m\n")])])
-    page = Page(made.write(tmp_path / "x.html"))
-    assert "<pre>a = 1\n\n  b = &#39;&lt;x&gt;&#39;\\x1b[31m\n</pre>" in page.source
-
-
-def test_days_that_follow_each_other_are_said_to(out):
-    copied(PLAIN, out)
-    ds = fc.open_study(out)
-    words = "each begins as the one before ended"
-    assert words not in str(how(ds))
-    assert words in str(how(ds.assign_attrs(carry_over=1)))
-
-
 def test_numbers_shares_changes_and_settings_as_they_are_read():
     shown = {0.1: "0.100", 3: "3.00", 0.99999: "1.00", -0.04567: "−0.0457", 12345: "12,300", 0: "0", 9.996: "10.0",
              1e-9: "1.00e-09", math.nan: "–", math.inf: "–", 159.4: "159"}  # fmt: skip
@@ -218,13 +195,3 @@ def test_numbers_shares_changes_and_settings_as_they_are_read():
     assert span(math.nan, 0.2) == "–"
     settings = {"backlash": 0.07, "kp": 0.03, "n_volumes": 8.0, "action": "heating"}
     assert [setting(*each) for each in settings.items()] == ["7 %", "0.03 1/K", "8", "heating"]
-
-
-def test_long_tables_are_cut_with_ends_and_kept_rows():
-    assert picked(16) == list(range(16))
-    rows = picked(200, (57,))
-    assert len(rows) <= 12
-    assert {0, 57, 199} <= set(rows)
-    assert rows == sorted(rows)
-    assert left_out(200, len(rows), "values") == f"{len(rows)} of 200 values are shown; all of them are in results.nc."
-    assert left_out(3, 3, "values") == ""

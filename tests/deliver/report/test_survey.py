@@ -17,6 +17,8 @@ from helpers.refusals import assert_only_problem, problems
 import fastcoil as fc
 from fastcoil.base.text import no_formula
 
+pytestmark = pytest.mark.kernel
+
 ORDER = ["worn", "a/AHU", "b/AHU", "blind", "bad", "empty"]
 
 
@@ -161,15 +163,6 @@ def test_several_files_are_days_of_one_valve(building):
     done = fastcoil("diagnose", building / "a" / "AHU.csv", building / "a" / "AHU.csv", "--stroke-time", 90)
     assert done.exit_code == 0, done.output
     assert done.output.startswith("AHU.csv and 1 more: 6.0 h")
-
-
-def test_a_file_may_have_any_name(tmp_path):
-    for name in (b"\xff.csv", b"=1+1.csv"):
-        path = tmp_path / os.fsdecode(name)
-        path.write_text("no log")
-    ds = fc.survey(tmp_path, tmp_path / "out")
-    assert set(ds.valve.values) == {"\\udcff", "=1+1"}
-    assert "\n'=1+1," in (tmp_path / "out" / "survey.csv").read_text(), "no formula"
 
 
 @pytest.mark.alone

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.results import drawn, result
+from helpers.results import drawn
 
 import fastcoil.deliver.tables as tidy
 from fastcoil.base.errors import InputError, StorageError
@@ -86,11 +86,6 @@ def test_metrics_may_be_picked_and_fixed_labels_stay_as_columns(ds):
     rows = pd.concat(table.pieces())
     assert set(rows.tuning) == {"faster"}
     assert len(rows) == table.n_rows == 24
-
-
-def test_a_single_scenario_is_a_row():
-    (piece,) = Tidy(result(("day",), rmse=[0.5]).isel(day=0)).pieces()
-    assert piece.to_dict("records") == [{"day": 0, "rmse": 0.5, "status": "ok"}]
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,12 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.refusals import assert_only_problem, only_problem
+from helpers.refusals import assert_only_problem
 
 import fastcoil as fc
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.boundary.series import is_changed
 from fastcoil.loops.netcdf import with_numbers, with_times
-from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.provenance import content_sha256
 
 pytestmark = pytest.mark.kernel
@@ -104,12 +103,6 @@ def test_a_bad_clock_gets_a_sentence(options, words):
     assert_only_problem(words, Boundary, **ONE, **options)
 
 
-def test_days_longer_than_a_day_need_a_start_each():
-    long = ONE | {"T_set": np.full(90000, 14.0)}
-    assert_only_problem(["25 h overlap", "one start for each"], Boundary, **long, day=[1, 2], start="2024-01-01")
-    assert Boundary(**long, day=[1, 2], start=["2024-01-01", "2024-01-03"]).start.size == 2
-
-
 def test_the_clock_comes_back_from_a_dataset_and_a_file(tmp_path):
     pytest.importorskip("netCDF4")
     for day in (3, [3, 4]):
@@ -140,16 +133,6 @@ def run(boundary, **options):
     return fc.simulate(LOOP, boundary, warm_up=60, n_jobs=1, **options)
 
 
-def test_several_days_have_their_starts_in_a_result_of_the_same_numbers():
-    plain, known = run(DAYS.assign(start=None, time_zone=None)), run(DAYS)
-    assert not {"start", "time"} & set(plain.coords)
-    np.testing.assert_array_equal(known.start, xr.DataArray(DAYS.start.astype("M8[ns]"), dims="day"))
-    assert known.start.attrs["time_zone"] == "America/Los_Angeles"
-    assert "time" not in known.coords
-    assert known.attrs["boundary_sha256"] == plain.attrs["boundary_sha256"]
-    xr.testing.assert_identical(known.drop_vars("start").drop_attrs(), plain.drop_attrs())
-
-
 def test_the_content_of_a_result_is_the_same_after_a_file(tmp_path):
     pytest.importorskip("netCDF4")
     ds = run(DAYS.sel(4), traces=["T_sup"], trace_interval=60)
@@ -172,9 +155,3 @@ def test_in_a_file_times_are_whole_seconds_since_1970():
     assert stored.start.attrs["units"] == "seconds since 1970-01-01 00:00:00"
     np.testing.assert_array_equal(stored.start, [1719820800, 1719907200])
     xr.testing.assert_identical(with_times(stored), DAYS.to_dataset())
-
-
-def test_a_sweep_that_uses_the_name_of_the_clock_is_refused():
-    loop = fc.Loop(kp=("start", [0.01, 0.02]))
-    assert "start is swept, and the boundary has a start" in only_problem(plan_simulation, loop, DAYS, warm_up=60)
-    assert plan_simulation(loop, DAYS.assign(start=None), warm_up=60).n_scenarios == 4

@@ -82,21 +82,6 @@ def test_columns_and_units_rename_and_declare(write):
     assert by_label == Boundary.from_csv(write(HEADER, ROWS))
 
 
-def test_constants_stand_for_absent_columns(write):
-    drop = [0, 1, 2, 3, 5]
-    path = write([HEADER[i] for i in drop], [[r[i] for i in drop] for r in ROWS])
-    assert Boundary.from_csv(path, constants={"T_w_in": 7.0}) == Boundary.from_csv(write(HEADER, ROWS, "full.csv"))
-
-
-def test_humidity_may_be_a_constant_in_any_form(write):
-    path = write([*HEADER[:3], *HEADER[4:]], [[*r[:3], *r[4:]] for r in ROWS])
-    T_a_in = Boundary.from_csv(path, constants={"W_a_in": 0.01}).series["T_a_in"]
-    found = Boundary.from_csv(path, constants={"RH_a_in": 0.5}, pressure=95e3).series["W_a_in"]
-    np.testing.assert_allclose(found[0, [0, 60, 120]], moist_air.humidity_ratio(T_a_in[0, [0, 60, 120]], 0.5, 95e3))
-    found = Boundary.from_csv(path, constants={"T_dp_in": 12.0}).series["W_a_in"]
-    np.testing.assert_allclose(found, moist_air.humidity_ratio_from_dew_point(12.0))
-
-
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
@@ -111,15 +96,6 @@ def test_humidity_may_be_a_constant_in_any_form(write):
 )
 def test_bad_rows_are_named_with_value_and_cure(write, rows, words):
     assert_only_problem(words, Boundary.from_csv, write(HEADER, rows))
-
-
-def test_all_mistakes_of_a_file_are_raised_at_once(write):
-    rows = replaced(1, [1, -2, 1], replaced(2, [25, 25, "x"], replaced(4, [7, 7, -999], replaced(0, [0, 60, 60]))))
-    found = problems(Boundary.from_csv, write(HEADER, rows))
-    assert len(found) == 4
-    for text, words in zip(found, ("m_a = -2", "T_a_in = 'x'", "T_w_in = -999", "same time"), strict=True):
-        assert words in text
-        assert text.startswith("log.csv: ")
 
 
 @pytest.mark.parametrize(
@@ -164,11 +140,6 @@ def test_a_log_starts_at_its_first_timestamp_on_the_clock_that_wrote_it(write, s
     boundary = log_of(write, stamps)
     np.testing.assert_array_equal(boundary.start, [np.datetime64(start, "s")])
     assert boundary.time_zone == zone
-
-
-def test_a_later_start_in_the_log_is_a_later_start_of_the_boundary(write):
-    boundary = log_of(write, ["2024-07-01T08:00", "2024-07-01T08:01", "2024-07-01T08:02"], start=30 / 3600)
-    assert boundary.start[0] == np.datetime64("2024-07-01T08:00:30")
 
 
 def day_of(path, **options):

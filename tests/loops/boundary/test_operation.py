@@ -120,7 +120,3 @@ def test_the_noise_goes_on_over_midnight_and_is_as_strong_as_that_of_the_papers_
     zones = drifts.zone_drifts(3, 1, 6)
     assert zones.shape == (1440, 6)
     assert np.abs(np.corrcoef(zones.T) - np.eye(6)).max() < 0.5
-
-
-def test_values_each_few_seconds_run_straight():
-    np.testing.assert_allclose(drifts.by_second(np.array([1.0, 3.0, 2.0]), 2), [1, 2, 3, 2.5])

@@ -39,15 +39,6 @@ def test_assign_replaces_what_is_given_and_keeps_the_rest(days):
 
 
 @both
-def test_assign_changes_labels_and_clock(days):
-    changed = days.assign(day=[1, 2, 3], start=None)
-    np.testing.assert_array_equal(changed.day, [1, 2, 3])
-    assert changed.start is None
-    np.testing.assert_array_equal(changed.of_day(2)["m_a"], DAYS.of_day(2)["m_a"])
-    assert days.assign(time_zone="Europe/Berlin").time_zone == "Europe/Berlin"
-
-
-@both
 def test_none_takes_a_series_back_to_its_default(days):
     noisy = days.assign(noise=0.5, backlash_scale=2.0)
     assert noisy.extremes["noise"] == (0.5, 0.5)

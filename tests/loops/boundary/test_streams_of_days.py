@@ -97,15 +97,6 @@ def test_a_function_that_gives_another_day_the_second_time_is_refused():
     assert_only_problem(["other samples for day 1 than before", "seeded"], stream.of_day, 1)
 
 
-def test_days_without_air_flow_are_told_once_with_their_hours(recwarn):
-    stream = streamed(make=lambda label: made(label) | {"m_a": np.where(np.arange(N) < 300, 0.0, 1.0)})
-    assert not recwarn
-    with pytest.warns(UserWarning, match=r"m_a is 0 during 0\.25 h and enabled is left out"):
-        assert stream.extremes["enabled"] == (0.0, 1.0)
-    np.testing.assert_array_equal(stream.of_day(0)["enabled"], np.arange(N) >= 300)
-    assert not recwarn
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -131,8 +122,3 @@ def test_bad_arguments_of_from_days():
     )
     message = only_problem(Boundary.from_days, lambda label: 1 / 0, day=[1], hours=N / 3600)
     assert "make fails for day 1, ZeroDivisionError" in message
-
-
-def test_series_of_a_stream_that_do_not_fit_are_refused(monkeypatch):
-    monkeypatch.setattr("fastcoil.loops.boundary.samples.available_memory", lambda: 10000)
-    assert_only_problem(["3 days of 900 s", "of_day"], lambda: streamed().series)

@@ -143,15 +143,6 @@ def test_bad_weather_files(write):
     assert "T_dewpoint and RH are both missing" in message(no_moisture[0], no_moisture[1:])
 
 
-@pytest.mark.filterwarnings("ignore:hourly weather")
-def test_how_a_weather_file_was_read_is_said(tmp_path):
-    path = tmp_path / "weather.csv"
-    text = "\n".join(";".join(map(str, row)).replace(".", ",") for row in [WEATHER_HEADER, *WEATHER_ROWS])
-    path.write_text("Station 7\n" + text, encoding="utf-8")
-    with pytest.warns(UserWarning, match=r"separated by semicolons; .* 'Station 7' on; .* comma"):
-        weather_day(path, start_hour=34, **PLANT)
-
-
 def test_a_series_of_another_date_than_the_weather_is_refused(write):
     pd = pytest.importorskip("pandas")
     path, plant = write(WEATHER_HEADER, WEATHER_ROWS), {n: v for n, v in PLANT.items() if n != "T_set"}

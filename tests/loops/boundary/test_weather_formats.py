@@ -110,12 +110,6 @@ def test_a_bad_row_is_named_with_its_cure(put, form, gaps, words):
     assert words in only_problem(day_of, put(form(rows)), month=6, day=15, hour=10)
 
 
-def test_a_missing_pressure_is_replaced_by_one_that_is_given(put):
-    path = put(epw([row | {"p": "999999"} for row in JUNE]))
-    given = day_of(path, month=6, day=15, hour=10, pressure=95e3)
-    assert given == day_of(put(epw([row | {"p": 95000} for row in JUNE])), month=6, day=15, hour=10)
-
-
 def without(lines, word):
     return [line for line in lines if word not in line]
 

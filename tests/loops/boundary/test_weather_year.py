@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from helpers.made_weather import made_weather
 from helpers.refusals import only_problem, problems
-from helpers.shared_data import measured
-from helpers.weather_years import epw, hours_from, tmy3
+from helpers.weather_years import epw, hours_from
 
 import fastcoil as fc
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
@@ -61,15 +60,6 @@ def test_days_have_dates_and_labels_and_can_be_chosen(tmp_path):
     np.testing.assert_array_equal(few.of_day(1)["m_a"], year.of_day(199)["m_a"])
 
 
-@pytest.mark.parametrize("form", [epw, tmy3])
-def test_a_file_knows_its_time_zone(tmp_path, form):
-    path = tmp_path / "site.epw"
-    path.write_text("\n".join(form(hours_from(1, 1, 48))))
-    days = fc.weather_year(path, year=2006)
-    assert (str(days.start[0])[:10], days.time_zone) == ("2006-01-01", "UTC-05:00")
-    assert [bool(days.of_day(k)["m_a"].any()) for k in (0, 1)] == [False, True]  # a Sunday and a Monday
-
-
 def test_a_leap_year_needs_a_leap_year(tmp_path):
     path = tmp_path / "site.epw"
     path.write_text("\n".join(epw(hours_from(2, 28, 72, leap=True))))
@@ -92,13 +82,6 @@ def test_each_day_has_its_own_weather_straight_between_the_hours(tmp_path):
             share = 1.2 / at["m_a"]
             T_out = (24 * k + clock) / 10
             assert at["T_a_in"] == pytest.approx(share * T_out + (1 - share) * 24.0, abs=0.05)
-
-
-def test_without_a_design_temperature_the_file_gives_it(tmp_path):
-    path = made_weather(tmp_path, lambda h: 30.0 * (h - 1) / 999, days=42)  # 1008 hours, the warmest of 30.24 degC
-    for mode, T_design in (("cooling", 30.0 * 0.996 * 1007 / 999), ("heating", 30.0 * 0.004 * 1007 / 999)):
-        found, told = (fc.weather_year(path, **CALM | extra, mode=mode) for extra in ({}, {"T_design": T_design}))
-        np.testing.assert_allclose(found.of_day(18)["m_a"], told.of_day(18)["m_a"], rtol=1e-12)
 
 
 def test_the_mixture_keeps_the_least_outdoor_air_and_its_water(tmp_path):
@@ -216,13 +199,3 @@ def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, options, words):
     found = problems(fc.weather_year, path, **{"year": 2023} | options)
     for word in words:
         assert word in found[0], found
-
-
-def test_the_year_of_san_francisco():
-    year = fc.weather_year(measured("san_francisco_tmy3_hourly.csv"), year=2023)
-    assert year.n_days == 365
-    hot, cool = year.of_day(257), year.of_day(36)  # 15 September, the hottest day, and 6 February
-    assert 25.0 < hot["T_a_in"].max() < 27.0
-    assert hot["enabled"].sum() > 10 * 3600
-    assert cool["enabled"].sum() == 0  # the economiser is enough
-    assert cool["m_a"][12 * 3600] > 0.5

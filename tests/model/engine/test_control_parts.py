@@ -1,10 +1,7 @@
 """Dead band, compensation and buffer from the noise: equal to their twins, alike in any block, replayed to the bit."""
 
-import itertools
-
 import numpy as np
 import pytest
-import reference
 
 import fastcoil as fc
 from fastcoil.loops.scenarios import columns_of
@@ -62,36 +59,6 @@ def test_every_part_equals_its_twin_in_the_closed_loop(part, preset, noise_std, 
 
 
 @pytest.mark.parametrize("part", PARTS)
-@pytest.mark.filterwarnings("ignore:action = 'heating', but the water")
-def test_every_part_equals_its_twin_over_presets_noises_and_sample_times(part, short):
-    """The twin is given the readings of the package, so that no loop makes round-off grow."""
-    rows = [
-        {"kp": loop["kp"], "ti": loop["ti"], "C_c": loop["C_c"], "sensor_time_constant": loop["sensor_time_constant"],
-         "stroke_time": loop["stroke_time"], "noise_std": noise, "sample_time": time or loop["sample_time"],
-         "action": ("cooling", "heating")[k % 2], "sensor_resolution": 0.02 if noise == 0.1 else 0.0}
-        for k, (loop, noise, time) in enumerate(itertools.product(map(fc.Loop.preset, PRESETS), NOISES, TIMES))
-    ]  # fmt: skip
-    loop = fc.Loop(backlash_estimate=0.06, **PARTS[part]).assign(
-        **{name: ("case", [row[name] for row in rows]) for name in rows[0]}
-    )
-    day = off_and_on(short, 600, 800)
-    ds = fc.simulate(loop, day, traces=["T_measured", *SIGNALS], warm_up=0, seed=3)
-    T_set, enabled = day.series["T_set"][0], day.series["enabled"][0] != 0.0
-    for k, row in enumerate(rows):
-        signals = ds.isel(case=k)
-        twin = reference.Controller({name: loop[name] for name in reference.PAPER_LIKE} | row)
-        found = {name: np.empty(day.n_steps) for name in ("u", "integral", "command", "mode")}
-        for t, (T, wanted, on) in enumerate(zip(signals.T_measured.values.tolist(), T_set, enabled, strict=True)):
-            error = (wanted - T) if row["action"] == "heating" else T - wanted
-            twin.act(error, t % row["sample_time"] == 0, on, 0.06)
-            for name, values in found.items():
-                values[t] = getattr(twin, name)
-        for name, values in found.items():
-            atol = 0.0 if name == "mode" else 1e-9
-            np.testing.assert_allclose(signals[name], values, rtol=0.0, atol=atol, err_msg=f"{row} {name}")
-
-
-@pytest.mark.parametrize("part", PARTS)
 def test_every_part_changes_the_commands_and_is_replayed_to_the_bit(part, short):
     """As the inverse is: the same control at the same seconds."""
     loop, day = fc.Loop(**LOOP, **PARTS[part]), off_and_on(short, 600, 800)
@@ -134,11 +101,6 @@ def test_a_block_has_compiled_what_its_lanes_need_and_no_more():
     assert control_of(**MEASURED, compensation="additive") == control_stage(
         Control(is_additive=True, measures_noise=True)
     )
-
-
-def test_a_dead_band_rests_the_motor(working_day):
-    ds = fc.simulate(fc.Loop.preset("lbnl").assign(error_dead_band=[0.0, 0.5], noise_std=0.02), working_day)
-    assert ds.motor_travel[1] < 0.6 * ds.motor_travel[0]
 
 
 @pytest.mark.parametrize("compensation", ["additive", "smooth"])

@@ -5,7 +5,6 @@ import pytest
 
 import fastcoil as fc
 from fastcoil.model.moist_air import humidity_ratio
-from fastcoil.study.analysis.summary import summary
 
 pytestmark = pytest.mark.kernel
 
@@ -54,17 +53,3 @@ def test_time_that_is_not_counted_is_seen_too():
     off = run(SHUT, W_a_in=0.002, enabled=np.where(np.arange(SECONDS) < 1400, 0.0, 1.0))
     assert float(whole.frost_time) == float(late.frost_time) == float(off.frost_time) > 0.0
     assert float(whole.freeze_time) == float(late.freeze_time) == float(off.freeze_time) > 0.0
-
-
-def test_the_summary_says_how_many_days_frost_and_how_long():
-    assert not any("rost" in line for line in summary(run(OPEN)))
-    ds = fc.simulate(fc.Loop(), fc.paper_day(hours=0.3, seed=[1, 2, 3]), warm_up=0)
-    ds["frost_time"][:] = [0.0, 5400.0, 1800.0]
-    assert (
-        "Frost forms on the coil in 2 of 3 scenario-days, for up to 1.5 h; it is reported, not simulated."
-        in summary(ds)
-    )
-    ds["freeze_time"][:] = [0.0, 0.0, 600.0]
-    line = "Water freezes in the coil in 1 of 3 scenario-days, for up to 0.2 h; it is reported, not simulated."
-    assert line in summary(ds)
-    assert not any("rost" in text for text in summary(ds.drop_vars(["frost_time", "freeze_time"])))

@@ -149,23 +149,6 @@ def test_a_loop_that_swings_widely_is_held_at_its_mean_and_calms_down(steady):
     assert flag(ds) == "no"
 
 
-def test_a_test_that_is_due_while_the_plant_is_off_is_said_to_have_been_disabled(steady):
-    off = steady.assign(enabled=(np.arange(3 * 3600) > 6000).astype(float))
-    ds = under_test(off, backlash=0.05)
-    assert flag(ds) == "disabled"
-    assert not ds.test.values.any()
-
-
-def test_the_mean_command_leaves_out_the_time_off(steady):
-    off = (np.arange(3 * 3600) >= 3000) & (np.arange(3 * 3600) < 5300)
-    ds = under_test(steady.assign(enabled=1.0 - off), fc.ValveTest(start=START, excursion=9.0), backlash=0.0, ti=1000.0)
-    command, mean = ds.command.values, 0.0
-    for t in range(5, START, 5):
-        mean += 0.0 if off[t] else 5 / 605 * (command[t - 1] - mean)
-    assert abs(command[START - 1] - mean) > 0.05
-    assert command[START] == pytest.approx(mean, abs=1e-12)
-
-
 @pytest.mark.parametrize("estimator", ["learner", "gradient", "hagglund"])
 def test_estimators_pause_during_a_test(steady, estimator):
     own = {"learner": {"learning_step": 0.005, "learning_interval": 600}, "hagglund": {"plant_gain": 15.0}}

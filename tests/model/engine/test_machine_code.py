@@ -17,9 +17,7 @@ ARITHMETIC = r"\tv?(?:add|sub|mul|div|sqrt|min|max|fn?m(?:add|sub)\d+)"
 # Most scalar operations for each packed one: none in a loop over lanes of one array; ln m_a, taken out of its
 # loop; and, where two arrays might overlap, the whole loop once more, which never runs.
 SCALAR_SHARE = {
-    "control": 0,
     "control, all parts": 0,
-    "actuate": 0,
     "actuate with zones and slips": 0,
     "actuate with wear": 0,
     "deliver": 0,
@@ -39,14 +37,12 @@ def assembly_of(name):
     from fastcoil.model.engine import plant as stem
 
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
-    plain, every = controller.PLAIN, controller.Control(*(True for _ in controller.PLAIN))
+    every = controller.Control(*(True for _ in controller.PLAIN))
     section, signature = {
-        "control": (lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, plain), (A, i, f, f, b, f)),
         "control, all parts": (
             lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, every),
             (A, i, f, f, b, f),
         ),
-        "actuate": (stem.actuate, (A, b, *map(T.literal, (0, 0, 0, 0)))),
         "actuate with zones and slips": (stem.actuate, (A, b, *map(T.literal, (1, 1, 1, 0)))),
         "actuate with wear": (stem.actuate, (A, b, *map(T.literal, (0, 0, 0, 1)))),
         "deliver": (plant.deliver, (A, b)),

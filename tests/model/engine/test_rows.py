@@ -9,9 +9,7 @@ import pytest
 
 from fastcoil.model.engine import controller, recorded, rows
 from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
-from fastcoil.model.engine.metrics import M
-from fastcoil.model.engine.rows import LANES, SUM_ROWS, R, derive, positions, reset_sums, set_initial_state
-from fastcoil.model.metric_table import METRICS
+from fastcoil.model.engine.rows import LANES, SUM_ROWS, R, derive, reset_sums, set_initial_state
 from fastcoil.model.parameter_table import PARAMETERS
 
 GROUPS = (rows.PARAMETER_ROWS, rows.DERIVED_ROWS, rows.STATE_ROWS, rows.SUM_ROWS)
@@ -32,12 +30,6 @@ def test_groups_follow_one_another_and_name_every_row_once():
     assert {after - before for before, after in pairwise(R)} == {LANES}
     assert R[-len(SUM_ROWS)] == rows.SUMS_AT == getattr(R, rows.SUM_ROWS[0])
     assert getattr(R, rows.STATE_ROWS[0]) == rows.STATE_AT
-
-
-def test_positions_follow_the_enumeration():
-    assert positions(("a", "b"))._asdict() == {"a": 0, "b": 1}
-    assert positions(("a", "b"), LANES).b == LANES
-    assert M._asdict() == {name: k for k, name in enumerate(METRICS)}
 
 
 @pytest.mark.kernel

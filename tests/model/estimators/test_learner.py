@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.learner import ENOUGH, QUIET, UNMEASURABLE, chatters, evidence, final_estimate, updated
+from fastcoil.model.estimators.learner import (
+    ENOUGH,
+    QUIET,
+    UNMEASURABLE,
+    chatters,
+    evidence,
+    updated,
+)
 from fastcoil.model.metric_table import LEARNING_STATUS
 
 STEP = 0.007
@@ -122,11 +129,6 @@ def test_an_interval_is_evidence_unless_it_is_quiet_or_no_reference(
     assert evidence(switches, f, f_ref, 30.0, min_switches, max_reference) == expected
 
 
-def test_the_final_estimate_is_a_share_of_the_last_but_not_below_the_start():
-    assert final_estimate(0.07, 0.95, 0.0) == pytest.approx(0.0665, abs=1e-16)
-    assert final_estimate(0.07, 0.95, 0.069) == 0.069
-
-
 @pytest.mark.kernel
 def test_with_a_hold_a_quiet_loop_stays_where_it_is_and_says_so():
     quiet = {"kp": 0.005, "ti": 200.0, "sample_time": 5.0, **RESTLESS, "learning_min_switches": 1.0}
@@ -138,15 +140,6 @@ def test_with_a_hold_a_quiet_loop_stays_where_it_is_and_says_so():
     assert np.all(stairs == 0.0)
     assert LEARNING_STATUS[int(still.learning_status)] == "no_evidence"
     assert int(still.status) == 0
-
-
-@pytest.mark.kernel
-def test_noise_that_switches_at_nearly_every_sample_is_not_identifiable(hour):
-    noisy = {**RESTLESS, "noise_std": 0.5, "sample_time": 5.0, "learning_max_reference": 0.3}
-    ds, stairs = learned(noisy, hour)
-    assert np.all(stairs == 0.0)
-    assert LEARNING_STATUS[int(ds.learning_status)] == "not_identifiable"
-    assert np.isfinite(ds.rmse)
 
 
 @pytest.mark.kernel

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.learner import worse
 
 INTERVAL = 900
 LEARNER = {"learning_step": 0.01, "learning_interval": float(INTERVAL), "noise_std": 0.02}
@@ -82,20 +81,3 @@ def test_a_learner_that_looks_at_its_error_changes_no_bit_of_its_neighbours(hour
         alone = fc.simulate(fc.Loop(**shared, **{n: v[k] for n, v in cases.items()}), hour, warm_up=600)
         for name in ("rmse", "estimate_final", "motor_travel"):
             assert float(alone[name]) == float(together[name].isel(case=k)), (k, name)
-
-
-@pytest.mark.parametrize(
-    ("squares", "n", "reference_squares", "reference_n", "ratio", "expected"),
-    [
-        (8.2, 2.0, 1.0, 1.0, 2.0, True),
-        (7.8, 2.0, 1.0, 1.0, 2.0, False),
-        (8.2, 2.0, 4.0, 4.0, 2.0, True),
-        (8.2, 2.0, 1.0, 1.0, 0.0, False),
-        (0.0, 0.0, 1.0, 1.0, 2.0, False),
-        (8.2, 2.0, 0.0, 0.0, 2.0, False),
-    ],
-)
-def test_errors_are_compared_by_their_rms_where_there_are_any(
-    squares, n, reference_squares, reference_n, ratio, expected
-):
-    assert bool(worse(squares, n, reference_squares, reference_n, ratio)) is expected

@@ -1,6 +1,5 @@
 """The fingerprint of what kernels are made of."""
 
-import gc
 import shutil
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import pytest
 
 import fastcoil
 from fastcoil.model.numerics import jit
-from fastcoil.model.numerics.jit import rarely_collected
 
 PACKAGE = Path(fastcoil.__file__).parent
 
@@ -69,22 +67,3 @@ def test_an_estimator_decides_nothing_where_nobody_uses_it(copied):
     assert of("none", "learner") != learning
     assert not jit.is_model(learning)
     assert jit.is_model(plain)
-
-
-@pytest.mark.parametrize("thresholds", [(700, 10, 10), (50_000, 5, 5), (0, 10, 10)])
-def test_compiling_puts_the_search_for_garbage_back_as_the_user_had_it(thresholds):
-    seen, before = [], gc.get_threshold()
-
-    def compile(what):
-        seen.append(gc.get_threshold())
-        raise ValueError(what)
-
-    try:
-        gc.set_threshold(*thresholds)
-        with pytest.raises(ValueError, match="kernel"):
-            rarely_collected(compile)("kernel")
-        assert gc.get_threshold() == thresholds
-    finally:
-        gc.set_threshold(*before)
-    rarer = (20_000 if thresholds[0] == 700 else thresholds[0], *thresholds[1:])
-    assert seen == [rarer]

@@ -186,16 +186,6 @@ def test_what_is_made_is_private_whatever_the_umask(warned):
     assert {stat.S_IMODE(p.stat().st_mode) for p in (*made.parents[:2], made)} == {0o700}
 
 
-def test_a_relative_folder_is_no_place_for_a_cache(tmp_path, monkeypatch, warned):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
-    assert warned(kernel_folder, "0" * 16)[0] == tmp_path / "home" / ".cache" / "fastcoil" / "kernels" / ("0" * 16)
-    monkeypatch.setenv("HOME", "home")
-    assert warned(kernel_folder, "0" * 16)[0] is None
-    assert [path.name for path in tmp_path.iterdir()] == ["home"]
-
-
 def test_a_full_disk_is_a_warning_and_leaves_nothing_half_written(folder, monkeypatch, warned):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")

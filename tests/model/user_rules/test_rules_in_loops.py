@@ -24,22 +24,11 @@ def test_a_rule_brings_its_parameters_to_that_loop_alone():
     assert "gain = 0.5 K-1 s-1" in repr(fc.Loop(estimator=by_error, gain=0.5))
 
 
-def test_rules_and_words_share_an_axis_and_cases():
-    assert fc.Loop(estimator=["none", by_error]).swept["estimator"].values.tolist() == ["none", "by_error"]
-    loop = fc.Loop(estimator=("controller", ["none", by_error]), kp=("controller", [0.02, 0.03]))
-    assert loop.sizes == {"controller": 2}
-
-
 def test_a_rule_of_the_same_name_replaces_the_one_before_and_keeps_what_was_assigned():
     again = fc.estimator(Parameters, Memory)(by_error.parts[0])
     loop = fc.Loop(estimator=by_error, gain=0.5).assign(estimator=again)
     assert loop["gain"] == 0.5
     assert loop.rules["by_error"] is again
-
-
-def test_loops_are_equal_where_their_rules_are():
-    assert fc.Loop(estimator=by_error) == fc.Loop().assign(estimator=by_error)
-    assert fc.Loop(estimator=by_error) != fc.Loop(estimator=by_switches)
 
 
 @pytest.mark.kernel

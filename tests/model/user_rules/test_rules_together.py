@@ -35,19 +35,6 @@ def test_two_rules_that_declare_a_parameter_differently():
     assert fc.Loop(estimator=alike)["share"] == 0.5
 
 
-def test_parameters_of_a_rule_that_no_scenario_has():
-    loop = fc.Loop(estimator=by_error)
-    day = fc.constant_day(hours=1)
-    with pytest.raises(fc.InputError, match="by_error, which no scenario has, alone reads gain"):
-        fc.simulate(loop.assign(gain=0.5, estimator="none"), day)
-
-
-def test_a_parameter_of_the_loop_that_is_read_must_be_given():
-    rule = fc.estimator(declared(plant_gain=None), Memory)(fine)
-    with pytest.raises(fc.InputError, match="fine reads plant_gain, which the loop does not give: give plant_gain"):
-        fc.simulate(fc.Loop(estimator=rule), fc.constant_day(hours=1))
-
-
 @pytest.mark.kernel
 def test_a_replay_gives_the_commands_of_the_simulation():
     loop = fc.Loop(law=own_pi, estimator=[by_error, by_switches], noise_std=0.05)

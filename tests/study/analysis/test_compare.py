@@ -1,7 +1,5 @@
 """``fc.compare``: paired differences and shares, their intervals, censored times, failed scenarios, and the table."""
 
-import copy
-import pickle
 import re
 
 import numpy as np
@@ -107,12 +105,6 @@ def test_every_metric_of_a_simulation_can_be_compared(swept):
     )
 
 
-def test_a_baseline_that_is_there_twice_gets_a_sentence():
-    ds = result(("kp", "day"), rmse=np.zeros((2, 3))).assign_coords(kp=[1, 1])
-    with pytest.raises(fc.InputError, match="kp has 2 labels 1; choose one of 1, 1"):
-        fc.compare(ds, baseline={"kp": 1}, over="day")
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -199,12 +191,6 @@ def test_relative_to_baselines_that_cannot_divide(metric, baseline, values, expe
     assert at(found, "q05", "median", "q95", "mean") == pytest.approx(expected, nan_ok=True)
 
 
-def test_a_single_scenario_has_nothing_to_compare():
-    alone = result(("kp", "day"), rmse=np.zeros((1, 1))).isel(kp=0, day=0)
-    with pytest.raises(fc.InputError, match="single scenario without dimensions.*give a sweep that holds the baseline"):
-        fc.compare(alone, baseline={"kp": 0}, over="day")
-
-
 # Shares of pairs that differ by a threshold, with intervals over valves and days
 
 
@@ -244,14 +230,6 @@ def test_a_threshold_may_be_a_share_and_what_never_came_is_higher_by_any(metric,
     assert at(found, "share_below", "share_above") == pytest.approx([share, share])
 
 
-def test_with_a_threshold_the_other_statistics_are_the_same_to_the_bit():
-    ds = result(("kp", "sample", "day"), rmse=np.random.default_rng(2).normal(size=(3, 8, 5)))
-    options = {"baseline": {"kp": 0}, "over": ["sample", "day"], "relative": True}
-    plain, more = fc.compare(ds, **options), fc.compare(ds, **options, threshold=0.1)
-    np.testing.assert_array_equal(more.rmse.sel(statistic=plain.statistic), plain.rmse)
-    assert more.sizes["statistic"] == plain.sizes["statistic"] + 6
-
-
 def wilson(k, n):
     return [k / n, *stats.binomtest(k, n).proportion_ci(method="wilson")]
 
@@ -280,24 +258,11 @@ def test_the_interval_holds_the_true_share_as_often_as_it_says(valves, days, of_
     assert least < float(((low <= true) & (true <= high)).mean()) <= most
 
 
-def test_a_single_day_says_nothing_of_other_days():
-    value, *edges = shares(np.reshape([-1.0, 1.0] * 16, (-1, 1)), ("sample", "day"), 0.5)
-    assert value == 0.5
-    assert np.isnan(edges).all()
-
-
 def test_noise_of_the_same_day_does_not_count_as_independent():
     of_day = np.repeat(np.random.default_rng(8).normal(size=(12, 1)), 50, axis=1)
     alone = shares(of_day[:, 0], ("day",), 0.3)
     assert shares(of_day, ("day", "replicate"), 0.3) == pytest.approx(alone)
     assert shares(np.full((12, 50), -1.0), ("day", "replicate"), 0.3) == pytest.approx(wilson(12, 12))
-
-
-def test_metrics_of_several_units_may_share_a_relative_threshold_only():
-    ds = result(("kp", "day"), rmse=np.ones((2, 3)), iae=np.ones((2, 3)))
-    with pytest.raises(fc.InputError, match="the unit of the metrics, and these have K, K h: name metrics of one un"):
-        fc.compare(ds, baseline={"kp": 0}, over="day", threshold=0.05, metrics=["rmse", "iae"])
-    assert at(against_0(ds, metrics="iae", relative=True, threshold=0.05), "share_below") == [0.0]
 
 
 # The table says to people what the Dataset says
@@ -344,42 +309,3 @@ def test_the_numbers_are_those_of_the_dataset_to_the_digits_shown(ratios):
     assert numbers(row["lower by 5 % in (90 %)"]) == [round(100 * share) for share in below]
     assert numbers(row["baseline"]) == pytest.approx(at(of, "baseline"), rel=5e-3)
     assert row["pairs"] == "72"
-
-
-def test_a_difference_has_the_digits_that_its_interval_leaves():
-    """Student's interval of -0.20, -0.25, -0.22: -0.2233 ± 4.303 · 0.02517 / √3."""
-    ds = result(("kp", "day"), rmse=[[1.0, 1.0, 1.0], [0.8, 0.75, 0.78]])
-    table = fc.compare(ds, baseline={"kp": 0}, over="day").to_table()
-    assert table["difference (95 %)"].to_list() == ["−0.22 (−0.29 to −0.16)"]
-
-
-def test_what_never_came_is_told_and_what_no_pair_has_is_left_out(ratios):
-    some = ratios.copy(deep=True)
-    some.learn_time_reached[2, :, :] = 3600.0
-    table = compared(some).to_table()
-    assert "counted half periods" not in table.index.get_level_values("metric")
-    row = table.loc["time to reach the backlash [h]", "100"]
-    assert (row["baseline"], row["value"], row["difference (95 %)"]) == ("never", "1", "median −∞")
-    assert table.loc["time to reach the backlash [h]", "50"]["never"] == "72"
-    assert "never" not in compared(some, metrics="rmse").to_table()
-
-
-def test_parts_copies_and_pickles_have_the_table_and_a_selection_of_statistics_has_none(ratios):
-    found = compared(ratios, metrics="rmse")
-    whole = found.to_table()
-    assert found.sel(estimate_ratio=1.0).to_table().iloc[0].to_list() == whole.iloc[1].to_list()
-    for other in (copy.deepcopy(found), pickle.loads(pickle.dumps(found)), found[["rmse"]]):
-        assert other.to_table().equals(whole)
-    assert len(found.sel(estimate_ratio=0.0).to_table()) == 0
-    with pytest.raises(fc.InputError, match=r"call it before .sel\(statistic="):
-        found.sel(statistic="mean").to_table()
-    with pytest.raises(fc.InputError, match="on what compare returned"):
-        found.drop_attrs().to_table()
-
-
-def test_the_baseline_may_be_a_name_or_a_number_of_numpy():
-    values = np.random.default_rng(2).random((2, 2, 4))
-    ds = result(("controller", "kp", "day"), {"controller": ["pi", "inverse"]}, rmse=values)
-    table = fc.compare(ds, baseline={"controller": np.str_("pi"), "kp": np.int64(1)}, over="day").to_table()
-    cases = [("pi", "0"), ("inverse", "0"), ("inverse", "1")]
-    assert table.index.to_list() == [("RMS error [K]", *case) for case in cases]

@@ -6,7 +6,7 @@ import datetime
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.costly_results import PRICES, days_from, result
+from helpers.costly_results import PRICES, result
 from helpers.refusals import problems
 
 import fastcoil as fc
@@ -95,12 +95,6 @@ def test_without_dates_thirty_days_are_a_month_and_it_says_so():
     assert float(single.yearly_reheat_energy[1]) == pytest.approx(365 * float(one.reheat_energy[1]))
 
 
-def test_two_records_of_one_date_are_one_day_of_the_bill():
-    ds = result(4, start="2023-06-10")
-    halves = ds.assign_coords(start=("day", np.repeat(days_from("2023-06-10", 2), 2)))
-    assert fc.cost(halves, **PRICES).n_days.values.tolist() == [2]
-
-
 def test_where_a_day_failed_its_month_and_the_year_have_no_cost():
     ds = result(60, ("sample", [0, 1]), start="2023-01-01")
     ds.status[40, 1] = 1
@@ -172,7 +166,3 @@ def test_a_price_that_cannot_be_and_a_result_that_cannot_be_billed_are_refused(c
     ds = result(3) if changed is None else changed(result(3))
     (sentence,) = problems(fc.cost, ds, **(PRICES | given))
     assert words in sentence
-
-
-def test_every_price_that_is_missing_is_named():
-    assert len(problems(fc.cost, result(3))) == 3

@@ -1,6 +1,5 @@
 """Labels that a user types, and changes against a case."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,11 +7,9 @@ import xarray as xr
 from helpers.refusals import problems
 from helpers.results import drawn, result
 
-import fastcoil as fc
-from fastcoil.base.errors import InputError
 from fastcoil.model.metric_table import STATUS_NON_FINITE
 from fastcoil.study.analysis.compare import relative_to
-from fastcoil.study.analysis.selected import binned, case_of, drawn_parameters, in_words, is_label, selected
+from fastcoil.study.analysis.selected import binned, case_of, in_words, is_label, selected
 
 
 @pytest.fixture
@@ -42,12 +39,6 @@ def test_a_text_means_a_label_and_no_neighbour_of_it(label, text, same):
     assert is_label(label, text) is same
 
 
-def test_one_label_is_fixed_and_several_are_kept_in_order(ds):
-    found = selected(ds, {"backlash": ["0.07"], "day": ["3", "1"]})
-    xr.testing.assert_identical(found, ds.sel(backlash=0.07, day=[1, 3]))
-    assert in_words(found, {"backlash": ["0.07"], "day": ["1", "3"]}) == "backlash = 7 %, day = 1 and 3"
-
-
 def test_a_drawn_parameter_with_few_values_picks_its_samples():
     ds = drawn(50)
     found = selected(ds, {"sample_time": ["10"], "day": ["0"]})
@@ -71,16 +62,6 @@ def test_an_unknown_label_is_refused_with_those_that_there_are(ds, choose, at, s
     assert problem.startswith(sentence)
 
 
-def test_of_many_labels_the_nearest_are_listed():
-    ds = result(("backlash", "day"), {"backlash": np.linspace(0.0, 1.0, 101).round(2)}, rmse=np.ones((101, 1)))
-    with pytest.raises(InputError, match="choose one of 0.49, 0.5, .*0.6$"):
-        selected(ds, {"backlash": ["0.545"]})
-    one = drawn(50)
-    other = int(np.flatnonzero(one.sample_time.values != 10.0)[0])
-    with pytest.raises(InputError, match="no scenario has all of these labels together"):
-        selected(one, {"sample_time": ["10"], "sample": [str(other)]})
-
-
 def test_changes_are_those_within_pairs(ds):
     case, words = case_of(ds, {"backlash": ["0"], "tuning": ["slow"]})
     assert (case, words) == ({"backlash": 0, "tuning": 0}, "backlash = 0 %, tuning = slow")
@@ -100,11 +81,6 @@ def test_of_nothing_there_is_no_change_and_a_failed_partner_has_none(ds):
     assert np.isnan(shown[(before == 0) & (after > 0)]).all()
     with np.errstate(divide="ignore", invalid="ignore"):
         np.testing.assert_allclose(shown[before > 0], (after / before - 1.0)[before > 0])
-
-
-def test_a_case_without_others_is_refused(ds):
-    with pytest.raises(InputError, match="no other case to compare"):
-        relative_to(ds.isel(tuning=[0]), {"tuning": 0}, "tuning = slow")
 
 
 @pytest.mark.parametrize("n", [80, 101])
@@ -138,14 +114,6 @@ def test_nothing_is_lost_nor_made_up():
     assert found.sample_time.attrs["units"] == "s"
 
 
-def test_a_parameter_with_few_values_has_a_group_for_each():
-    ds = drawn(60)
-    found = binned(ds, ["sample_time"])
-    assert found.sample_time.values.tolist() == [5.0, 10.0, 30.0]
-    expected = ds.rmse.groupby("sample_time").median(...)
-    np.testing.assert_allclose(found.rmse.median(["day", "sample"]), expected)
-
-
 def test_two_parameters_share_the_scenarios_out_as_a_histogram_does():
     ds = drawn(400)
     found = binned(ds, ["kp", "ti"])
@@ -156,15 +124,6 @@ def test_two_parameters_share_the_scenarios_out_as_a_histogram_does():
     np.testing.assert_array_equal(found.members, counts)
     low, high = int(counts.min()), int(counts.max())
     assert found.sample.attrs["pooled_as"] == f"{low} to {high} samples in each of 8 × 8 cells"
-
-
-def test_a_parameter_along_two_dims_is_grouped_over_both():
-    rng = np.random.default_rng(1)
-    kp = xr.DataArray(rng.random((20, 3)), dims=("sample", "design"))
-    ds = result(("day", "sample", "design"), {"kp": kp}, rmse=rng.random((2, 20, 3)))
-    found = binned(ds, ["kp"])
-    assert found.rmse.dims == ("day", "kp", "sample")
-    assert int(found.members.sum()) == 60
 
 
 def test_traces_and_coordinates_of_the_samples_stay_behind():
@@ -179,18 +138,3 @@ def test_traces_and_coordinates_of_the_samples_stay_behind():
 def test_too_few_to_group_are_refused():
     (problem,) = problems(binned, drawn(500).isel(sample=slice(9)), ["kp", "ti"])
     assert problem.startswith("kp and ti: 9 drawn scenarios are too few to group")
-
-
-def test_only_numbers_that_differ_along_other_dims_are_drawn():
-    ds = drawn(20).assign_coords(law=("sample", ["pi"] * 20), buffer=("sample", np.zeros(20)), backlash=0.07)
-    assert drawn_parameters(ds) == ["kp", "ti", "sample_time"]
-    assert drawn_parameters(result(("kp", "day"), rmse=np.ones((2, 2)))) == []
-
-
-def test_the_axes_of_fc_plot_take_drawn_parameters():
-    ds = drawn(80)
-    axes = fc.plot.bands(ds, x="kp")
-    groups = np.array_split(np.argsort(ds.kp.values), 8)
-    np.testing.assert_allclose(axes.lines[-1].get_ydata(), [np.median(ds.rmse.values[:, g]) for g in groups])
-    assert fc.plot.map(ds, x="kp", y="ti").collections[0].get_array().shape == (4, 4)
-    plt.close("all")

@@ -6,7 +6,7 @@ import xarray as xr
 
 import fastcoil as fc
 from fastcoil.model.metric_table import STATUS_CRASHED
-from fastcoil.study.file.loop import sample_values
+from fastcoil.study.file.sample import sample_values
 
 UNIT = {"kp": {"uniform": [0.0, 1.0]}, "ti": {"uniform": [0.0, 1.0]}, "backlash": {"uniform": [0.0, 1.0]}}
 
@@ -58,16 +58,6 @@ def test_intervals_cover_the_truth_about_as_often_as_they_say():
         found = fc.sobol_indices(ds).rmse.sel(index="total", parameter="ti")
         covered.append(float(found.sel(edge="low")) <= 4.0 / 5.25 <= float(found.sel(edge="high")))
     assert np.mean(covered) > 0.85
-
-
-def test_other_dims_are_kept():
-    one = result(lambda a, b, c: a)
-    ds = xr.concat(
-        [one, result(lambda a, b, c: b)], xr.DataArray([0.0, 1.0], dims="estimate_ratio", name="estimate_ratio")
-    )
-    found = fc.sobol_indices(ds).rmse.sel(edge="value", index="total")
-    assert set(found.dims) == {"estimate_ratio", "parameter"}
-    np.testing.assert_allclose(found.transpose("estimate_ratio", ...), [[1, 0, 0], [0, 1, 0]], atol=0.03)
 
 
 def test_what_does_not_vary_has_no_indices():
@@ -128,3 +118,24 @@ def test_a_study_with_a_saltelli_design_runs(tmp_path):
     found = fc.sobol_indices(ds, ["rmse", "stem_travel"])
     assert found.parameter.values.tolist() == ["backlash", "kp"]
     assert float(found.rmse.sel(edge="value", index="total").max()) > 0.2
+
+
+def test_indices_of_parameters_that_are_not_uniform_are_those_of_a_closed_form():
+    """Of a sum of independent parameters the share of each is that of its variance, whatever its distribution."""
+    shapes = {"kp": {"lognormal": [0.02, 0.5]}, "ti": {"beta": [2, 5, 0, 0.2]}, "backlash": {"normal": [0.4, 0.03]}}
+    x = sample_values({"method": "saltelli", "size": 4096, "seed": 1} | shapes)
+    ds = xr.Dataset({"rmse": x["kp"] + x["ti"] + x["backlash"]}, coords=x)
+    ds["status"] = xr.zeros_like(ds.rmse, dtype=np.int8)
+    variances = np.array([0.02**2 * np.exp(0.25) * (np.exp(0.25) - 1.0), 0.2**2 * 10.0 / (49.0 * 8.0), 0.03**2])
+    found = fc.sobol_indices(ds).rmse.sel(edge="value")
+    for index in ("first_order", "total"):
+        np.testing.assert_allclose(found.sel(index=index), variances / variances.sum(), atol=0.01)
+
+
+def test_correlated_parameters_are_refused():
+    x = sample_values({"method": "saltelli", "size": 256, "seed": 1} | UNIT)
+    x["ti"] = 0.5 * (x["ti"] + x["kp"])
+    ds = xr.Dataset({"rmse": x["kp"] + x["ti"]}, coords=x)
+    ds["status"] = xr.zeros_like(ds.rmse, dtype=np.int8)
+    with pytest.raises(fc.InputError, match="kp and ti are correlated .rank correlation 0.7"):
+        fc.sobol_indices(ds)

@@ -231,11 +231,6 @@ def test_it_says_what_each_gap_costs_more_than_none(swept):
         assert sum(parts) == pytest.approx(float(of_each.mean()), rel=0.01)
 
 
-def test_part_of_a_year_and_days_without_dates_are_told(swept):
-    assert "scaled from 10 days to a year" in lines(swept.isel(day=slice(10)))[0]
-    assert "no dates, so 30 days are a month" in lines(swept.drop_vars("start"))[0]
-
-
 def test_another_controller_may_be_the_baseline(swept):
     ds = swept.rename(backlash="controller").assign_coords(controller=["pi", "bad", "worse"])
     assert sound(ds) == {}
@@ -244,12 +239,6 @@ def test_another_controller_may_be_the_baseline(swept):
     _, base, *more = lines(ds, controller="worse")
     assert base.startswith("A loop with controller worse costs ")
     assert [line.split("-")[0] for line in more] == ["With controller pi: ", "With controller bad: "]
-
-
-def test_of_many_labels_six_are_told(swept):
-    gaps = xr.DataArray(np.arange(9) / 100, dims="backlash", name="backlash")
-    ds = xr.concat([swept.isel(backlash=0, day=slice(2), drop=True)] * 9, gaps)
-    assert [line.split(":")[0] for line in lines(ds)[2:]] == [f"With a gap of {k} %" for k in (1, 2, 4, 5, 7, 8)]
 
 
 def test_loops_without_backlash_are_found_in_a_sweep_and_among_cases(swept):

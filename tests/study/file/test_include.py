@@ -131,27 +131,6 @@ def test_two_files_to_a_study_of_that_ahu(fastcoil, logs):
     assert "a file that the study reads changed" in changed.output
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["fit", "valve", "no.csv"], "no.csv does not exist: give a CSV file"),
-        (["fit", "valve", "bad.csv"], "bad.csv: m_w = '' in row 3: give a number"),
-        (["fit", "valve", "bad.csv", "-o", "no/valve.toml"], "-o no/valve.toml: give a file NAME.toml"),
-        (["fit", "valve", "bad.csv", "--validate", "no.csv"], "bad.csv: m_w = '' in row 3: give a number"),
-        (["fit", "valve", "bad.csv", "--column", "m_w"], "--column m_w: give NAME=VALUE"),
-        (["fit", "coil", "bad.csv"], "m_a is missing"),
-        (["fit", "coil", "bad.csv", "--constant", "m_a=x"], "--constant m_a=x: give a number"),
-    ],
-)
-def test_a_mistake_exits_with_2_and_writes_nothing(fastcoil, tmp_path, words, sentence):
-    (tmp_path / "bad.csv").write_text("elapsed_time [s],command [1],m_w [kg/s]\n0,0.1,0.2\n60,0.2,\n120,0.3,0.4\n")
-    found = fastcoil(*words)
-    assert found.exit_code == 2, found.output
-    assert sentence in found.output
-    assert "Traceback" not in found.output
-    assert [p.name for p in tmp_path.iterdir()] == ["bad.csv"]
-
-
 @pytest.mark.kernel
 def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
     """And a second log validates it."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.refusals import problems
 
-from fastcoil.study.file.loop import sample_values
+from fastcoil.study.file.sample import sample_values
 from fastcoil.study.file.spec import read_study
 
 
@@ -59,26 +59,12 @@ def test_an_installed_valve_may_be_sampled_in_part(read, count):
     assert loop["m_max"] is None
 
 
-def test_an_installed_valve_may_be_given_by_loop_sweep_cases_and_sample_together(read):
-    loop = read(
-        "method = 'sobol'\nsize = 4\nauthority = { uniform = [0.2, 0.6] }",
-        "[loop]\n[sweep]\nm_full = [1.0, 1.2]\n[cases.valve]\na = { rangeability = 30 }\nb = { rangeability = 50 }",
-    ).plan.layout.loop
-    dims = {"rangeability": ("valve",), "authority": ("sample",), "m_full": ("m_full",)}
-    assert {n: loop[n].dims for n in VALVE} == dims
-
-
-def test_the_ratio_of_the_estimate_may_be_sampled(read):
-    loop = read("method = 'random'\nsize = 5\nestimate_ratio = { uniform = [0.5, 1.5] }").plan.layout.loop
-    assert loop["estimate_ratio"].sizes == {"sample": 5}
-    assert loop["backlash_estimate"] is None
-
-
 # Mistakes
 
 GOOD = "method = 'random'\nsize = 4\n"
 KP = "kp = { uniform = [0.01, 0.05] }\n"
-KNOWN = "known: uniform, loguniform, truncnorm, triangular, choice"
+TI = "ti = { uniform = [5, 300] }\n"
+KNOWN = "known: uniform, loguniform, truncnorm, triangular, normal, lognormal, beta, choice, fit, csv"
 
 
 def problems_of(read, *text):
@@ -97,7 +83,7 @@ MISTAKES = [
     (GOOD + "kp = 0.1", "[sample] kp = 0.1: give one distribution, such as { uniform = [lowest, highest] }; known"),
     (GOOD + "kp = { uniform = [0, 1], choice = [1] }", "give one distribution"),
     (GOOD + "kp = { unifrm = [0, 1] }", "kp = { unifrm = [0, 1] }: unknown distribution, did you mean 'uniform'?;"),
-    (GOOD + "kp = { beta = [2, 3] }", "kp = { beta = [2, 3] }: unknown distribution; " + KNOWN),
+    (GOOD + "kp = { gamma = [2, 3] }", "kp = { gamma = [2, 3] }: unknown distribution; " + KNOWN),
     (GOOD + "kp = { uniform = [1] }", "kp = { uniform = [1] }: give [lowest, highest], 2 finite numbers"),
     (GOOD + "kp = { uniform = [false, true] }", "2 finite numbers"),
     (GOOD + "kp = { triangular = [1, 2] }", "give [lowest, most likely, highest], 3 finite numbers"),
@@ -120,12 +106,56 @@ MISTAKES = [
     (GOOD + "kp = { triangular = [0, 3, 2] }", "with lowest ≤ most likely ≤ highest, lowest < highest"),
     (GOOD + "kp = { triangular = [2, 2, 2] }", "lowest < highest"),
     (GOOD + "backlash = { uniform = [0.91, 0.95] }", "must be from 0 to 0.9 (and 3 more of its values)"),
+    (GOOD + "kp = { lognormal = [0.02, -0.4] }", "median > 0, sigma > 0 and 0 ≤ lowest < highest"),
+    (GOOD + "kp = { normal = [0.02, 0.4, 1, 0] }", "with lowest < highest and standard deviation > 0"),
+    (GOOD + "kp = { normal = [0.02] }", "give [mean, standard deviation] or [mean, standard deviation, lowest, hig"),
+    (GOOD + "backlash = { normal = [5, 1] }", "backlash = 5: must be from 0 to 0.9"),
+    (GOOD + "kp = { beta = [2, 0, 0, 1] }", "give [a, b, lowest, highest] with a > 0, b > 0 and lowest < highest"),
+    (GOOD + "kp = { csv = 'gaps.csv' }", "give a file and the header of a column, such as { csv = "),
+    (GOOD + "kp = { csv = 'none.csv', column = 'gap' }", "none.csv does not exist: give a CSV file"),
+    (GOOD + "kp = { csv = 'gaps.csv', column = 'gpa' }", "gaps.csv has no column 'gpa', did you mean 'gap'?: give"),
+    (GOOD + "kp = { csv = 'gaps.csv', column = 'gap' }", "kp = 'NaN' in row 3: give a number with a decimal point"),
+    (GOOD + "kp = { csv = 'gaps.csv', column = 'angle' }", "kp is in 'deg' (known units: K-1)"),
+    (GOOD + "backlash = { csv = 'gaps.csv', column = 'wide' }", "backlash = 3: must be from 0 to 0.9 (and 1 more of"),
+    (GOOD + "action = { csv = 'gaps.csv', column = 'gap' }", "action is a word, use { choice = […] }"),
+    (GOOD + "kp = { csv = 'empty.csv', column = 'gap' }", "empty.csv is empty: give a header row"),
+    (GOOD + "kp = { fit = 'none.toml' }", "none.toml does not exist: give a file that `fastcoil fit` or"),
+    (GOOD + "kp = { fit = 'gaps.csv' }", "gaps.csv is not valid TOML"),
+    (GOOD + "kp = { fit = 'valve.toml' }", "valve.toml has no estimate of kp with a 95 % interval: give a file"),
+    (GOOD + KP + "correlation = 0.5", "correlation = 0.5: give pairs of parameters and their rank correlation, such"),
+    (
+        GOOD + KP + TI + "correlation = [['kp', 'tii', 0.5]]",
+        "correlation of kp and tii: tii is not drawn, did you",
+    ),
+    (
+        GOOD + KP + TI + "correlation = [['kp', 'ti', 1.2]]",
+        "correlation of kp and ti = 1.2: must be above -1 and",
+    ),
+    (GOOD + KP + "correlation = [['kp', 'kp', 0.5]]", "correlation of kp: give each pair of two parameters once"),
+    (
+        GOOD + KP + "action = { choice = ['cooling'] }\ncorrelation = [['kp', 'action', 0.5]]",
+        "action is drawn by choice, which has no ranks",
+    ),
+    (
+        "method = 'saltelli'\nsize = 4\n" + KP + TI + "correlation = [['kp', 'ti', 0.5]]",
+        "Sobol' indices need independent parameters",
+    ),
+    (
+        GOOD
+        + KP
+        + TI
+        + "C_w = { normal = [9, 1] }\ncorrelation = [['kp','ti',0.9], ['ti','C_w',0.9], ['C_w','kp',-0.9]]",
+        "correlation of kp and ti = 0.9, ti and C_w = 0.9, C_w and kp = -0.9: these cannot hold together",
+    ),
     (GOOD + "authority = { uniform = [0.2, 0.8] }", "rangeability and m_full missing"),
 ]
 
 
 @pytest.mark.parametrize(("text", "sentence"), MISTAKES)
-def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, text, sentence):
+def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, tmp_path, text, sentence):
+    (tmp_path / "gaps.csv").write_text("gap,angle [deg],wide\n0.02,1,3\nNaN,2,4\n0.05,3,0.1\n")
+    (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "valve.toml").write_text("[loop]\nkp = 0.02\n")
     (problem,) = problems_of(read, text)
     assert sentence in problem
 
@@ -142,19 +172,3 @@ def test_a_mistake_gets_one_sentence_with_field_value_and_cure(read, text, sente
 def test_a_mistake_between_tables_gets_one_sentence(read, before, sentence):
     (problem,) = problems_of(read, GOOD + KP, before)
     assert sentence in problem
-
-
-def test_an_installed_valve_that_lacks_a_part_is_refused_once(read):
-    (problem,) = problems_of(read, GOOD + "m_full = { uniform = [1, 2] }", "[loop]\nrangeability = 50")
-    assert problem == "rangeability, authority, m_full go together: authority is missing, give it too"
-    (problem,) = problems_of(
-        read,
-        GOOD + "m_full = { uniform = [1, 2] }",
-        "[loop]\nrangeability = 50\n[cases.x]\na = { authority = 0.3 }\nb = {}",
-    )
-    assert problem == "[cases.x] authority is missing in b: give it in every case"
-
-
-def test_all_mistakes_are_named_at_once(read):
-    found = problems_of(read, "method = 'x'\nsize = 0\nseed = 0.5\nkp = 1\nti = { uniform = [2, 1] }\nkpp = 1")
-    assert len(found) == 6

@@ -1,11 +1,16 @@
 """Sampled parameters: each design and each distribution against what defines it."""
 
+import hashlib
+import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from fastcoil.study.file.loop import DISTRIBUTIONS, METHODS, sample_values
+import fastcoil as fc
+from fastcoil.study.file.sample import DISTRIBUTIONS, METHODS, sample_values
 
 SIZE = 4096
 UNIFORM = {"backlash": {"uniform": [0.02, 0.15]}, "kp": {"uniform": [0.01, 0.05]}}
@@ -86,11 +91,20 @@ def triangle(x, low, mode, high):
     return 1.0 - (high - x) ** 2 / ((high - low) * (high - mode))
 
 
+def quartic(x):
+    """The regularised incomplete beta function with a = 2, b = 3."""
+    return 6.0 * x**2 - 8.0 * x**3 + 3.0 * x**4
+
+
+LOGS = math.log(0.02 / 0.05), math.log(0.1 / 0.05)
 SHARES = {
     "uniform": ([0.02, 0.15], lambda x: (x - 0.02) / 0.13),
     "loguniform": ([0.005, 0.05], lambda x: math.log10(x / 0.005)),
     "truncnorm": ([0.05, 0.02, 0.0, 0.1], lambda x: truncated(x, 0.05, 0.02, 0.0, 0.1)),
     "triangular": ([0.2, 0.5, 0.8], lambda x: triangle(x, 0.2, 0.5, 0.8)),
+    "normal": ([0.05, 0.02, 0.0, 0.1], lambda x: truncated(x, 0.05, 0.02, 0.0, 0.1)),
+    "lognormal": ([0.05, 0.5, 0.02, 0.1], lambda x: truncated(math.log(x / 0.05), 0.0, 0.5, *LOGS)),
+    "beta": ([2.0, 3.0, 0.1, 0.6], lambda x: quartic((x - 0.1) / 0.5)),
 }
 LOPSIDED = {
     "triangular": ([0.2, 0.2, 0.8], lambda x: triangle(x, 0.2, 0.2, 0.8)),
@@ -107,28 +121,19 @@ def test_shares_of_a_sample_are_those_of_its_distribution(kind, case):
     assert (shares <= np.arange(SIZE) + 1 + 1e-6).all()
 
 
-def test_every_distribution_has_a_formula_here():
-    assert SHARES.keys() == DISTRIBUTIONS.keys()
-
-
 @pytest.mark.parametrize("kind", DISTRIBUTIONS)
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_values_lie_strictly_inside_even_at_the_ends_of_the_unit_cube(kind, share, monkeypatch):
-    from fastcoil.study.file import loop
+    from fastcoil.study.file import sample
 
-    monkeypatch.setattr(loop, "_points", lambda _method, size, dims, _seed: np.full((size, dims), share))
+    monkeypatch.setattr(sample, "_points", lambda _method, size, dims, *_: np.full((size, dims), share))
     arguments = SHARES[kind][0]
     (value,) = draw(size=1, kp={kind: arguments})["kp"]
-    end = arguments[-1] if share else {"truncnorm": 0.0}.get(kind, arguments[0])
+    end = arguments[-1] if share else arguments[-2] if len(arguments) == 4 else arguments[0]
     assert value == pytest.approx(end, abs=2e-5)
     assert value < end if share else value > end
     assert draw(size=1, sample_time={"choice": [5, 10]})["sample_time"] == [10 if share else 5]
     assert draw(size=1, ti={"uniform": [0.0, 1.0]})["ti"] >= 2.0**-32, "not a number that nothing can divide by"
-
-
-def test_values_lie_strictly_inside_a_range_of_three_numbers():
-    low, middle, high = 1.0, 1.0 + 2.0**-52, 1.0 + 2.0**-51
-    assert set(draw("random", 64, kp={"uniform": [low, high]})["kp"]) == {middle}
 
 
 def test_a_choice_is_of_equally_likely_numbers_or_words():
@@ -137,3 +142,148 @@ def test_a_choice_is_of_equally_likely_numbers_or_words():
     assert {v: int((drawn["sample_time"] == v).sum()) for v in (5, 10, 30, 60)} == {5: 16, 10: 16, 30: 16, 60: 16}
     assert {v: int((drawn["action"] == v).sum()) for v in ("cooling", "heating")} == {"cooling": 32, "heating": 32}
     assert (drawn["kp"] == 0.01).all()
+
+
+# Cut at the bounds of the parameter, measured, fitted
+
+
+def test_quantiles_are_those_of_scipy(monkeypatch):
+    from fastcoil.study.file import sample
+
+    share = np.linspace(0.001, 0.999, 999)
+    monkeypatch.setattr(sample, "_points", lambda *_: share[:, np.newaxis])
+    for shape, theirs in (
+        ({"lognormal": [0.02, 0.4]}, stats.lognorm(0.4, scale=0.02)),
+        ({"normal": [0.02, 0.4]}, stats.norm(0.02, 0.4)),
+        ({"normal": [0.02, 0.4, 0.0, 1.0]}, stats.truncnorm(-0.05, 2.45, 0.02, 0.4)),
+        ({"beta": [0.7, 3, -1, 1]}, stats.beta(0.7, 3, -1.0, 2.0)),
+    ):
+        np.testing.assert_allclose(draw(size=999, kp=shape)["kp"], theirs.ppf(share), rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["normal", "lognormal"])
+def test_without_ends_a_distribution_is_cut_at_the_bounds_of_its_parameter(kind):
+    drawn = draw(backlash={kind: [0.5, 0.8]}, kp=UNIFORM["kp"])
+    assert drawn["backlash"].min() > 0.0
+    assert drawn["backlash"].max() < 0.9
+    np.testing.assert_array_equal(
+        drawn["backlash"], draw(backlash={kind: [0.5, 0.8, 0.0, 0.9]}, kp=UNIFORM["kp"])["backlash"]
+    )
+
+
+@pytest.fixture
+def gaps(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("gaps.csv").write_text("valve,gap [%],stroke [min]\na,7,1.5\nb,2,2\nc,5,1\nd,2,3\n")
+
+
+def test_measured_values_are_drawn_as_often_as_they_were_measured_in_the_unit_of_their_header(gaps):
+    of = {
+        "backlash": {"csv": "gaps.csv", "column": "gap"},
+        "stroke_time": {"csv": "gaps.csv", "column": "stroke [min]"},
+    }
+    drawn = draw("sobol", 64, **of)
+    found = dict(zip(*np.unique(drawn["backlash"], return_counts=True), strict=True))
+    assert found == {0.02: 32, 0.05: 16, 0.07: 16}
+    assert set(drawn["stroke_time"]) == {60.0, 90.0, 120.0, 180.0}
+
+
+FITTED = """
+[loop]
+backlash = 0.06
+kp = 0.02
+[fit.interval_95]
+backlash = [0.05, 0.09]
+kp = [0.02, 0.03]
+"""
+
+
+def test_a_fitted_parameter_has_its_estimate_as_median_and_its_interval_as_quantiles(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("valve.toml").write_text(FITTED)
+    drawn = draw(backlash={"fit": "valve.toml"}, kp={"fit": "valve.toml"})
+    found = np.quantile(drawn["backlash"], [0.025, 0.5, 0.975])
+    np.testing.assert_allclose(found, [0.05, 0.06, 0.09], atol=1e-4)
+    assert drawn["kp"].min() >= 0.02, "an estimate at the end of its interval has nothing below"
+
+
+def test_the_posterior_of_a_valve_test_is_drawn(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    posterior = "[fit.posterior]\nbacklash = [0.04, 0.06, 0.08]\nprobability = [0.2, 0.5, 0.3]\n"
+    Path("test.toml").write_text(FITTED + posterior)
+    values = draw(backlash={"fit": "test.toml"})["backlash"]
+    np.testing.assert_allclose(np.histogram(values, [0.04, 0.05, 0.07, 0.08])[0] / SIZE, [0.2, 0.5, 0.3], atol=2 / SIZE)
+
+
+# Correlations
+
+RANKS = [["kp", "ti", 0.6], ["ti", "backlash", -0.4]]
+SHAPES = {"kp": {"lognormal": [0.02, 0.5]}, "noise_std": {"uniform": [0.0, 0.1]}, "ti": {"beta": [2, 5, 10, 300]},
+          "backlash": {"normal": [0.05, 0.02]}}  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["sobol", "random", "latin_hypercube"])
+def test_ranks_correlate_as_asked_and_marginals_stay(method):
+    alone, together = (draw(method, **SHAPES, **more) for more in ({}, {"correlation": RANKS}))
+    asked = {frozenset(("kp", "ti")): 0.6, frozenset(("ti", "backlash")): -0.4}
+    for a, b in itertools.combinations(SHAPES, 2):
+        rho = stats.spearmanr(together[a], together[b]).statistic
+        assert rho == pytest.approx(asked.get(frozenset((a, b)), 0.0), abs=4.0 / math.sqrt(SIZE)), (a, b)
+    for name in ("kp", "noise_std"):  # the first of a pair, and one in none
+        np.testing.assert_array_equal(alone[name], together[name])
+    for name in SHAPES:
+        assert stats.ks_2samp(alone[name], together[name]).pvalue > 1e-3
+
+
+def test_another_distribution_changes_no_other_parameter():
+    for more in ({}, {"correlation": [["kp", "backlash", 0.3]]}):
+        one = draw("sobol", **SHAPES, **more)
+        other = draw("sobol", **SHAPES | {"noise_std": {"beta": [2, 2, 0, 1]}}, **more)
+        for name in ("kp", "ti", "backlash"):
+            np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_a_correlated_design_is_the_beginning_of_a_larger_one():
+    small, large = (draw("sobol", size, **SHAPES, correlation=RANKS) for size in (64, 1024))
+    for name in SHAPES:
+        np.testing.assert_array_equal(small[name], large[name][:64])
+
+
+# Batches
+
+
+@pytest.mark.parametrize("method", ["sobol", "random", "latin_hypercube"])
+def test_batches_are_independent_designs_of_which_the_first_is_that_of_a_single_one(method):
+    table = {"method": method, "size": 64, "seed": 3} | UNIFORM
+    one, few, more = (sample_values(table, batches=n)["kp"].values for n in (1, 3, 5))
+    np.testing.assert_array_equal(one, few[:64])
+    np.testing.assert_array_equal(few, more[:192])
+    assert len(set(more)) == 5 * 64
+
+
+EXISTING = {
+    "latin_hypercube": "ca4caec63e9725b81234",
+    "sobol": "b7a3899afe66ca0276ba",
+    "random": "5fa1dc7be7e8e50e635a",
+    "saltelli": "88a9475156e826d9cf19",
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_draws_are_those_of_earlier_versions(method):
+    shapes = {
+        "backlash": {"uniform": [0.02, 0.15]}, "kp": {"loguniform": [0.005, 0.05]}, "ti": {"triangular": [5, 20, 300]},
+        "noise_std": {"truncnorm": [0.05, 0.02, 0, 0.1]}, "sample_time": {"choice": [5, 10, 30]},
+        "action": {"choice": ["cooling", "heating"]},
+    }  # fmt: skip
+    digest = hashlib.sha256()
+    for name, values in sample_values({"method": method, "size": 64, "seed": 7} | shapes).items():
+        digest.update(name.encode() + str(values.dims).encode() + values.values.tobytes())
+    assert digest.hexdigest()[:20] == EXISTING[method]
+
+
+def test_python_draws_as_a_study_file_does():
+    drawn = fc.sample(64, kp=SHAPES["kp"], ti=SHAPES["ti"], correlation=[("kp", "ti", 0.6)])
+    for name, values in draw("sobol", 64, kp=SHAPES["kp"], ti=SHAPES["ti"], correlation=[["kp", "ti", 0.6]]).items():
+        np.testing.assert_array_equal(drawn[name], values)
+    assert fc.Loop().assign(**drawn).sizes == {"sample": 64}

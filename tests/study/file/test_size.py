@@ -62,10 +62,6 @@ def test_what_no_study_can_hold_is_refused(text, sentence):
     assert len(problem) < 200
 
 
-def test_every_mistake_gets_its_sentence():
-    assert len(problems(parse_toml, 'x = "\\u0000"\ny = "\\u0000"', "s.toml")) == 2
-
-
 DAY = "[boundary]\nhours = 1\n"
 
 
@@ -106,46 +102,3 @@ def test_more_scenarios_than_memory_holds_are_refused_before_they_are_made(refus
     assert "scenarios need" in problem
     assert "of memory, " in problem
     assert "sweep fewer values" in problem
-
-
-@pytest.mark.parametrize(
-    ("table", "sentence"),
-    [
-        ("", "xname0 is unknown"),
-        ("[loop]", "[loop] xname0 is not a parameter"),
-        ("[sweep]", "[sweep] xname0 is not a parameter"),
-        ("[run]", "[run] xname0 is unknown"),
-        ("[boundary]", "[boundary] xname0 is not an argument of paper_day"),
-        ("[sample]\nmethod = 'random'\nsize = 2", "[sample] xname0 is not a parameter"),
-        ("[cases.tuning]\na = {}\n[cases.tuning.b]", "[cases.tuning] xname0 is not a parameter"),
-    ],
-)
-def test_ten_thousand_unknown_keys_get_a_sentence_each(refused, table, sentence):
-    names = "".join(f"xname{k} = 1\n" for k in range(10_000))
-    text = f"{table}\n{names}" + ("" if table == "[loop]" else "[loop]\n")
-    found = refused(text)
-    assert len([one for one in found if "xname" in one and "unknown" in one or " is not a" in one]) == 10_000
-    assert any(one.startswith(sentence) for one in found)
-
-
-def test_the_first_unknown_keys_get_the_name_that_was_meant(refused):
-    found = refused("[loop]\n" + "".join(f"backlash{k} = 1\n" for k in range(30)))
-    assert [one for one in found if "did you mean 'backlash'" in one] == found[:20]
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        f"[run]\ntraces = {['nothing'] * 60_000}\n",
-        "".join(f"[cases.d{k}.c]\nkp = 0.01\n" for k in range(20_000)),
-        f"[sample]\nmethod = 'random'\nsize = 2\nkp = {{ choice = {[-1.0] * 100_000} }}\n",
-        f"[sweep]\nbacklash = {['x' * 10] * 50_000}\n",
-        "[cases.tuning]\n" + "".join(f"c{k} = {{ kp = 'a' }}\n" for k in range(20_000)),
-        "[cases.tuning]\n" + "".join(f"c{k} = {{ {'kp' if k else 'm_full'} = 0.01 }}\n" for k in range(20_000)),
-        f"[boundary]\nhours = 0.0025\nseed = {[*range(1_000_0, 1_000_0 + 100_000), 10_000]}\n",
-        "[boundary]\nkind = ['paper_day']\n",
-    ],
-)
-def test_many_mistakes_of_one_kind_take_one_sentence_and_no_minutes(refused, text):
-    found = refused("[loop]\n" + text)
-    assert len(found) < 5, found[:5]

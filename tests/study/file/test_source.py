@@ -37,11 +37,6 @@ def test_the_hash_is_of_name_and_text():
     assert Source("a:f", "x = 1", Path("elsewhere/a.py")).sha256 in hashes
 
 
-def test_line_ends_of_another_system_change_nothing(tmp_path):
-    (tmp_path / "mine.py").write_bytes(SOURCE.replace("\n", "\r\n").encode())
-    assert find_source("reduce", "mine:overshoot", tmp_path).source == SOURCE
-
-
 @pytest.mark.parametrize(
     ("text", "source", "sentence"),
     [
@@ -91,18 +86,6 @@ def test_a_reduction_without_traces_and_an_absent_one_are_both_named(tmp_path):
     assert "[run] reduce = 'absent:f' without traces: list the traces it needs, such as traces = [\"T_sup\"]" in without
 
 
-def test_a_reduction_that_is_no_text_is_refused(tmp_path):
-    (tmp_path / "study.toml").write_text("[loop]\n[run]\nreduce = 3")
-    with pytest.raises(InputError, match=r"\[run\] reduce = 3: give a text in quotes"):
-        read_study(tmp_path / "study.toml")
-
-
-def test_a_module_whose_path_no_file_can_have_is_refused(tmp_path):
-    for module in (".".join("a" * 5000), "a" * 300):
-        with pytest.raises(InputError, match=r"give reduce = 'a.* a shorter name"):
-            find_source("reduce", f"{module}:f", tmp_path)
-
-
 # Rules of a study
 
 RULED = '[loop]\nestimator = "mine:one"\n[boundary]\nkind = "constant_day"\nhours = 1\n'
@@ -130,11 +113,6 @@ def test_a_source_that_is_too_large_is_not_read_as_python(study, monkeypatch):
     assert len(found.value.problems) == 1
 
 
-def test_a_word_of_the_package_is_no_name_of_a_rule(study):
-    with pytest.raises(InputError, match="learner is taken, call the function something else"):
-        read_study(study(RULE.replace("one", "learner"), RULED.replace("one", "learner")))
-
-
 def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
     two = "\ndef two(now, p, memory): return 0.0, memory\none = fc.estimator(Parameters, Memory)(two)\n"
     path = study(RULE + two)
@@ -142,14 +120,3 @@ def test_a_rule_keeps_the_name_that_its_source_gives_it(study):
         InputError, match="one is not the estimator that its source declares: .* each rule a name of its own"
     ):
         read_study(path, prepare=load)
-
-
-def test_a_unit_that_no_file_holds_is_refused(study):
-    with pytest.raises(InputError, match=r"unit = 'a\\x00b': it has characters that cannot be stored as UTF-8"):
-        read_study(study(RULE.replace("(0.01)", r'(0.01, unit="a\x00b")')))
-
-
-def test_an_estimator_and_a_law_have_names_of_their_own(study):
-    both = RULE.replace("def one", "@fc.law(Parameters, Memory)\ndef one")
-    with pytest.raises(InputError, match="two rules are called one: rename one of them"):
-        read_study(study(both, RULED.replace("[boundary]", 'law = "mine:one"\n[boundary]')))

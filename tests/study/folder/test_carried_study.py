@@ -110,13 +110,6 @@ def test_nothing_depends_on_the_number_of_workers(tmp_path, n_jobs):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_processes_hand_on_the_state(tmp_path, backend, two_workers):
-    scheduler = two_workers.address if backend == "dask" else None
-    assert run(GROUPS, tmp_path / "out", n_jobs=2, backend=backend, scheduler=scheduler) == golden(GROUPS)
-
-
-@pytest.mark.full
 def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_path):
     study = write_study(GROUPS, tmp_path / "out")
     harmed = failing_shards.harmful(study, failing_shards.killed, [3])

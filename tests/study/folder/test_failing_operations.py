@@ -71,16 +71,12 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
     return n
 
 
-@pytest.mark.parametrize(("situation", "stride"), [("plain", 13), ("extended", 67)])
+@pytest.mark.parametrize(
+    ("situation", "stride"),
+    [("plain", 29), ("extended", 67), *(pytest.param(name, 1, marks=pytest.mark.full) for name in SITUATIONS)],
+)
 def test_whichever_operation_fails_the_run_ends_with_4_and_the_next_one_completes_it(tmp_path, situation, stride):
     assert sweep(tmp_path, situation, stride=stride) > 50
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("lasting", [False, True], ids=["once", "from then on"])
-@pytest.mark.parametrize("situation", SITUATIONS)
-def test_whichever_operation_fails_in_whatever_situation(tmp_path, situation, lasting):
-    assert sweep(tmp_path, situation, lasting=lasting) > 50
 
 
 def test_a_shard_whose_fsync_fails_once_is_not_written_and_fsync_is_not_tried_again(out, monkeypatch):

@@ -136,15 +136,6 @@ def test_between_its_hash_and_its_name_a_new_file_leaves_the_old_one_readable(co
     assert all(len(hashes) == 1 for hashes in Manifest.read(copied).outputs.values())
 
 
-def test_the_results_of_an_earlier_version_are_not_taken_for_the_present_ones(copied):
-    old = (copied / "results.nc").read_bytes()
-    run(larger(TRACED), copied, extend=True)
-    (copied / "results.nc").unlink()
-    (copied / "results.nc").write_bytes(old)
-    with pytest.raises(IntegrityError, match="not of this run"):
-        fc.open_study(copied)
-
-
 # --- lazily -----------------------------------------------------------------------------------------------------------
 
 
@@ -294,13 +285,6 @@ def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
         opened(tmp_path)
 
 
-def test_a_small_file_of_very_many_values_ends_in_a_sentence(tmp_path, swept, monkeypatch):
-    netcdf.save(swept, tmp_path / "results.nc")
-    monkeypatch.setattr(netcdf, "available_memory", lambda: swept.nbytes - 1)
-    with pytest.raises(StorageError, match=r"cannot be read \(its values take .* are available\): the memory ran out"):
-        opened(tmp_path)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -313,12 +297,6 @@ def test_results_of_another_form_are_refused_whatever_their_hash(tmp_path, swept
     forge(change(swept[[*METRICS, "status"]]), tmp_path / "results.nc")
     with pytest.raises(IntegrityError, match=r"is no result of a study .*; delete it"):
         opened(tmp_path)
-
-
-def test_whatever_a_simulation_gives_has_the_form_of_results(tmp_path, swept):
-    reduced = swept.assign(mine=swept["T_sup"].max("elapsed_time") > 14.0)
-    forge(reduced, tmp_path / "results.nc")
-    assert opened(tmp_path).identical(netcdf.load(tmp_path / "results.nc"))
 
 
 def test_traces_of_another_form_than_the_results_say_are_refused_when_they_are_read(tmp_path, swept):

@@ -105,7 +105,7 @@ def ordeals(originals, out, kind, seeds):
 @pytest.mark.parametrize(
     ("kind", "seeds"),
     [
-        ("finished", range(15)),
+        ("finished", range(8)),
         ("unfinished", range(4)),
         ("without run.json", range(2)),
         pytest.param("finished", range(1000, 1700), marks=pytest.mark.full),

@@ -104,12 +104,3 @@ def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
     assert process.returncode == 130, said
     assert not (tmp_path / "deep").exists()
     assert "to resume" not in said
-
-
-def test_a_reader_that_closes_the_pipe_gets_no_traceback(command):
-    process = command("parameters")
-    process.stdout.close()
-    said = process.stderr.read()
-    process.wait(timeout=60)
-    assert "Traceback" not in said
-    assert "Exception" not in said

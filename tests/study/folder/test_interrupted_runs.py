@@ -99,7 +99,7 @@ def test_a_run_in_a_thread_works(small_study, golden, tmp_path):
     found = []
 
     def run():
-        found.append(fc.run_study(small_study, tmp_path / "out", backend="loky", n_jobs=1))
+        found.append(fc.run_study(small_study, tmp_path / "out", n_jobs=1))
 
     thread = threading.Thread(target=run)
     thread.start()

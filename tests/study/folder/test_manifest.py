@@ -6,7 +6,6 @@ import pytest
 from helpers.studies import (
     DAYS,
     PLAIN,
-    TRACED,
     contents,
     copied,
     golden,
@@ -131,22 +130,6 @@ def test_other_sources_of_the_model_between_run_and_resume_run_everything_again(
     assert quarantined(broken_off) == done
 
 
-def test_an_interrupted_extension_resumes_and_keeps_the_old_results(out):
-    copied(TRACED, out)
-    run_until_interrupted(larger(TRACED), out, 1, extend=True)
-    with open_study(out) as ds:
-        assert int((ds["status"] == 0).sum()) == 4 * DAYS + 2
-    assert verify(out) == []
-    resume(out, larger(TRACED))
-    assert len(list(out.glob("traces-*.nc"))) == 1
-
-
-def test_run_json_is_valid_json_for_others(broken_off):
-    found = json.loads((broken_off / "run.json").read_text())
-    identity = {"study_sha256", "boundary_sha256", "model_sha256", "relative_to", "format"}
-    assert set(found) == identity | {"computed_on", "outputs", "own_code", "finished", "sha256"}
-
-
 WRONG = {
     "relative_to": [None, 5, [], "\ud800"],
     "model_sha256": [None, 1, "\ud800"],
@@ -202,42 +185,4 @@ def test_a_run_that_is_resumed_on_another_processor_says_so(broken_off, elsewher
     assert json.loads(open_study(broken_off).attrs["computed_on"]) == elsewhere
 
 
-def test_a_study_that_is_extended_on_another_processor_says_so(out, elsewhere, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr("fastcoil.loops.simulate.compiled_for", compiled_for)
-        run(PLAIN, out)
-    (warned,) = resume(out, larger(PLAIN), extend=True)
-    assert "now another" in warned
-    assert stored.Manifest.read(out).computed_on == elsewhere
-
-
 # --- study.toml -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [lambda text: b"", lambda text: b"\xff" + text, lambda text: text[:-3], lambda text: None],
-    ids=["empty", "no UTF-8", "cut", "lost"],
-)
-def test_results_stay_readable_without_their_study_toml_and_a_run_restores_it(out, damage):
-    copied(PLAIN, out)
-    path = out / "study.toml"
-    good = path.read_bytes()
-    bad = damage(good)
-    path.unlink() if bad is None else path.write_bytes(bad)
-    assert open_study(out).attrs["content_sha256"] == golden(PLAIN)
-    assert any("Finished" in line for line in maintenance.status(out))
-    assert any("study" in problem for problem in verify(out))
-    assert resume(out) == []
-    assert path.read_bytes() == good
-
-
-def test_a_study_toml_with_line_ends_of_another_system_is_sound(broken_off):
-    path = broken_off / "study.toml"
-    good = path.read_bytes()
-    for _ in range(2):
-        path.write_bytes(good.replace(b"\n", b"\r\n"))
-        assert verify(broken_off) == []
-        open_study(broken_off)
-        assert resume(broken_off) == []
-    assert path.read_bytes() == good

@@ -3,7 +3,6 @@
 import errno
 import os
 import shutil
-import stat
 
 import netCDF4
 import pytest
@@ -56,18 +55,6 @@ def test_damaged_traces_are_not_written_again_by_an_extension(out):
     assert contents(out)["results.nc"] == before
     (out / "results.nc").unlink()
     resume(out, larger(TRACED), extend=True)
-
-
-def test_a_study_that_is_read_only_can_be_verified_and_opened(broken_off):
-    for path in [broken_off, *broken_off.rglob("*")]:
-        path.chmod(stat.S_IREAD | (stat.S_IEXEC if path.is_dir() else 0))
-    try:
-        assert verify(broken_off) == []
-        with open_study(broken_off) as ds:
-            assert int((ds["status"] == 0).sum()) == ds["status"].size * (DAYS - 1) // DAYS
-    finally:
-        for path in [broken_off, *broken_off.rglob("*")]:
-            path.chmod(0o755)
 
 
 def test_a_look_at_a_study_while_its_run_finishes_finds_no_damage(out, monkeypatch):

@@ -3,7 +3,7 @@
 import pytest
 import xarray as xr
 from click.testing import CliRunner
-from helpers.processes import N_SCENARIOS, cut, ended, started, wait_for
+from helpers.processes import N_SCENARIOS, cut, ended, started
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -21,7 +21,6 @@ def hash_of(results):
 @pytest.mark.parametrize(
     ("backend", "n_jobs"),
     [
-        ("threads", 1),
         ("threads", 2),
         ("threads", 3),
         pytest.param("loky", 1, marks=pytest.mark.full),
@@ -34,7 +33,7 @@ def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_stud
     assert hash_of(fc.open_study(tmp_path / "out")) == golden
 
 
-@pytest.mark.parametrize("lane_steps", [1.0, 64 * 900.0, 1e12])
+@pytest.mark.parametrize("lane_steps", [1.0, 1e12])
 def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, lane_steps):
     monkeypatch.setattr(plan, "_LANE_STEPS_PER_SHARD", lane_steps)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
@@ -45,7 +44,7 @@ def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeyp
     [
         pytest.param(1, 1, marks=pytest.mark.full),
         pytest.param(9, 2, marks=pytest.mark.full),
-        (20, 6),
+        pytest.param(20, 6, marks=pytest.mark.full),
         pytest.param(40, 3, marks=pytest.mark.full),
         (64, 4),
         pytest.param(80, 5, marks=pytest.mark.full),
@@ -54,16 +53,6 @@ def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeyp
 def test_the_order_and_cut_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, largest, seed):
     cut(monkeypatch, largest, seed)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
-
-
-@pytest.mark.full
-def test_a_study_without_traces_has_one_hash_too(small_study, tmp_path, monkeypatch, two_workers):
-    text = small_study.read_text(encoding="utf-8")
-    path = tmp_path / "plain.toml"
-    path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("trace")), encoding="utf-8")
-    expected = hash_of(fc.run_study(path, tmp_path / "threads", n_jobs=1))
-    cut(monkeypatch, 40, seed=6)
-    assert hash_of(fc.run_study(path, tmp_path / "dask", backend="dask", scheduler=two_workers.address)) == expected
 
 
 def test_a_cluster_that_a_user_started_gives_the_same_bits(small_study, golden, tmp_path, two_workers, monkeypatch):
@@ -81,26 +70,8 @@ def test_the_command_line_runs_on_a_cluster(small_study, golden, tmp_path, two_w
     assert f"{tmp_path / 'out'}/results.nc" in done.stdout
 
 
-@pytest.mark.full
-def test_a_command_on_a_cluster_says_and_leaves_no_more_than_another(small_study, golden, tmp_path, two_workers):
-    words = ("-m", "fastcoil", "run", small_study, "--backend", "dask", "--scheduler", two_workers.address)
-    code, out, err = ended(started(*words, "--no-figures", cwd=tmp_path))
-    assert code == 0, err
-    assert hash_of(fc.open_study(tmp_path / "results" / "small")) == golden
-    assert "results/small/results.nc" in out
-    assert "Traceback" not in err
-    assert "distributed" not in err
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["results"]
-
-
 def tasks_on(client):
     return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
-
-
-def test_a_cluster_keeps_nothing_of_a_finished_study(small_study, tmp_path, two_workers):
-    fc.run_study(small_study, tmp_path / "out", backend="dask", scheduler=two_workers.address)
-    with two_workers.client() as client:
-        wait_for(lambda: tasks_on(client) == 0, within=5)
 
 
 def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_workers, monkeypatch):
@@ -112,7 +83,7 @@ def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_
             tmp_path / "out",
             backend="dask",
             scheduler=two_workers.address,
-            progress=lambda _: lambda _: on_scheduler.append(tasks_on(client)),
+            progress=lambda *_: lambda _: on_scheduler.append(tasks_on(client)),
         )
     assert len(on_scheduler) == N_SCENARIOS / 10
     # the job, three in flight, three whose results were fetched together

@@ -1,7 +1,6 @@
 """A backend that is not available, or workers whose results would not be bit-identical, are refused in a sentence."""
 
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -104,17 +103,6 @@ def test_a_scheduler_without_workers_is_refused(here, monkeypatch, tmp_path):
         said = refused(here, "small.toml", "--backend", "dask", "--scheduler", alone.address)
     assert f"fastcoil: no dask cluster answers at '{alone.address}'" in said
     assert "with at least one worker" in said
-
-
-@pytest.mark.full
-def test_workers_that_do_not_answer_are_refused(here, monkeypatch, tmp_path):
-    with cluster(tmp_path / "cluster", 1, "--no-nanny") as frozen:
-        with frozen.client() as client:
-            client.wait_for_workers(1, timeout=30)
-        frozen.processes[-1].send_signal(signal.SIGSTOP)
-        monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
-        said = refused(here, "small.toml", "--backend", "dask", "--scheduler", frozen.address)
-    assert "no dask cluster answers at" in said
 
 
 @pytest.mark.parametrize("missing", ["distributed", "dask"])

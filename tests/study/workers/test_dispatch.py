@@ -121,21 +121,6 @@ def test_memory_that_runs_out_ends_in_a_sentence_and_no_mark(job, monkeypatch, s
     assert set(yielded.values()) <= {STATUS_OK}
 
 
-def test_the_first_single_scenario_without_memory_ends_the_run(job, monkeypatch):
-    monkeypatch.setattr(dying_pool, "Died", Starved)
-    pool = Pool(1, falls_together=False, culprits=range(N))
-    submitted, submit = [], pool.submit
-    pool.submit = lambda shard: submitted.append(shard.size) or submit(shard)
-    with pytest.raises(StorageError, match="not even a single scenario"):
-        found(pool, job, [Shard(np.arange(4)), Shard(np.arange(4, 8))])
-    assert submitted == [4, 4, 4, 2, 1]
-
-
-def test_the_only_scenarios_that_are_left_may_all_be_crashed(job):
-    pool = Pool(2, falls_together=True, culprits=range(N))
-    assert found(pool, job, [Shard(np.array([3])), Shard(np.array([7]))]) == {3: STATUS_CRASHED, 7: STATUS_CRASHED}
-
-
 def test_one_bad_scenario_in_a_large_shard_takes_few_deaths(job):
     n = 2**20
     pool = Pool(1, falls_together=True, culprits=[777_777])

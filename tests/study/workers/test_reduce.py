@@ -1,6 +1,5 @@
 """A user's own reduction of traces: what it is handed, what it may return, and every refusal."""
 
-import pickle
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 import xarray as xr
 from helpers.refusals import only_problem, problems
 
-from fastcoil.base.errors import InputError
 from fastcoil.study.file.own_code import Source, load, reduce
 
 SOURCE = """
@@ -83,26 +81,6 @@ def test_attributes_are_words_that_mean_nothing_to_a_decoder(traces):
     for units in ("'K\\0'", "'\\ud800'", "10**40"):
         body = f"return xr.Dataset({{'x': ('scenario', t.kp.values, {{'units': {units}}})}})"
         assert reduce(reducing(body), traces).x.attrs == {}
-
-
-def test_how_a_variable_was_stored_elsewhere_is_forgotten(traces):
-    body = "d = xr.Dataset({'x': t.kp})\n    d.x.encoding = {'scale_factor': 0.5, 'dtype': 'i2'}\n    return d"
-    assert reduce(reducing(body), traces).x.encoding == {}
-
-
-def test_an_answer_shares_nothing_with_the_function(traces):
-    source = "import numpy as np, xarray as xr\nkept = np.empty(100)\ndef f(t):\n    n = t.sizes['scenario']\n"
-    source += "    kept[:n] = t.kp\n    return xr.Dataset({'x': ('scenario', kept[:n])})\n"
-    np.testing.assert_array_equal(reduce(given(source, "m:f"), traces).x, traces.kp)
-
-
-def test_booleans_and_missing_values_are_answers(traces):
-    found = reduce(
-        reducing("m = t.T_sup.mean('elapsed_time', skipna=False)\n    return xr.Dataset({'m': m, 'b': m > 14})"), traces
-    )
-    assert np.isnan(found.m[1])
-    assert np.isnan(reduce(reducing("return xr.Dataset({'m': t.kp * np.nan})"), traces).m).all(), "NaN is equal to NaN"
-    assert found.b.dtype == bool
 
 
 def test_the_traces_are_as_they_were_and_cannot_be_written_to(traces):
@@ -185,31 +163,12 @@ def test_a_wrong_answer_is_refused_with_one_sentence(traces, body, sentence):
     assert "\n" not in problem
 
 
-def test_the_exception_of_the_function_is_the_cause(traces):
-    with pytest.raises(InputError) as refused:
-        reduce(reducing("return 1 / 0"), traces)
-    assert isinstance(refused.value.__cause__, ZeroDivisionError)
-
-
 def test_all_that_is_wrong_is_named(traces):
     body = "return xr.Dataset({'rmse': t.T_sup.max(), 'x': t.tuning.expand_dims(day=2)})"
     assert len(problems(reduce, reducing(body), traces)) == 4
 
 
 # The module
-
-
-def test_it_goes_to_another_process_as_text(traces):
-    there = pickle.loads(pickle.dumps(given(SOURCE)))
-    assert reduce(there, traces).identical(reduce(given(SOURCE), traces))
-
-
-def test_the_module_is_run_once_and_is_one_that_decorators_find():
-    source = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
-    source += "@dataclass\nclass Settings:\n    limit: float = 1.0\nruns = []\ndef f(t): return runs\n"
-    one, two = given(source, "m:f"), given(str(source), "m:f")
-    load("reduce", one)(None).append(1)
-    assert load("reduce", two)(None) == [1]
 
 
 @pytest.mark.parametrize(
@@ -227,13 +186,6 @@ def test_a_module_that_does_not_run_is_refused_with_one_sentence(source, sentenc
     problem = only_problem(load, "reduce", given(source, "mine:f"))
     assert problem.startswith(f"reduce = 'mine:f': {sentence}")
     assert "\n" not in problem
-
-
-def test_an_interrupt_is_one_wherever_it_comes_from(traces):
-    with pytest.raises(KeyboardInterrupt):
-        reduce(reducing("raise KeyboardInterrupt"), traces)
-    with pytest.raises(KeyboardInterrupt):
-        load("reduce", given("raise KeyboardInterrupt"))
 
 
 # On every backend

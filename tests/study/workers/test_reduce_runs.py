@@ -17,7 +17,7 @@ def f(traces):
 
 @pytest.mark.kernel
 @pytest.mark.usefixtures("leaves_nothing")
-@pytest.mark.parametrize("backend", ["threads", "loky", "dask"])
+@pytest.mark.parametrize("backend", ["threads", "loky", pytest.param("dask", marks=pytest.mark.full)])
 @pytest.mark.parametrize(
     ("what", "code", "sentence"),
     [
@@ -30,14 +30,14 @@ def f(traces):
     ],
 )
 def test_whatever_a_reduction_raises_ends_the_run_with_a_sentence(
-    tmp_path, small_study, two_workers, backend, what, code, sentence
+    tmp_path, small_study, request, backend, what, code, sentence
 ):
     text = small_study.read_text().replace('"T_sup", "mode"]', '"T_sup"]\nreduce = "mine:f"')
     (tmp_path / "study.toml").write_text(text)
     (tmp_path / "mine.py").write_text(RAISING.replace("{what}", what))
     words = ["run", tmp_path / "study.toml", "-o", tmp_path / "out", "--backend", backend, "-j", 1, "--no-figures"]
     if backend == "dask":
-        words += ["--scheduler", two_workers.address]
+        words += ["--scheduler", request.getfixturevalue("two_workers").address]
     done = CliRunner().invoke(main, list(map(str, words)))
     assert done.exit_code == code, done.output
     (last,) = done.stderr.splitlines()[-1:]

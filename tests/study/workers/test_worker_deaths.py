@@ -16,7 +16,7 @@ from helpers.processes import N_SCENARIOS, check_crashed, children, cut
 from joblib.externals.loky.backend import resource_tracker
 
 import fastcoil as fc
-from fastcoil.base.errors import FastcoilError, InputError, StorageError
+from fastcoil.base.errors import FastcoilError, StorageError
 from fastcoil.cli.main import main
 from fastcoil.loops.plan import Shard
 from fastcoil.study import workers as pools
@@ -53,19 +53,6 @@ def test_a_scenario_that_kills_is_crashed_and_no_other(
     assert "1 crashed" in CliRunner().invoke(main, ["status", str(tmp_path / "out")]).output
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("size", [4, 20])
-def test_several_scenarios_that_kill_are_crashed_and_no_other(study, healthy, tmp_path, monkeypatch, size):
-    cut(monkeypatch, size)
-    culprits = [0, 1, 5, 77, N_SCENARIOS - 1]
-    harmed = failing_shards.harmful(study, failing_shards.killed, culprits)
-    finished = execute(harmed, tmp_path / "out", backend="loky", n_jobs=2)
-    assert finished.n_run == N_SCENARIOS
-    check_crashed(finished.results, healthy, culprits)
-    # they are not tried again and again
-    assert execute(harmed, tmp_path / "out", backend="loky", n_jobs=2).n_run == 0
-
-
 def test_a_scenario_for_which_the_memory_does_not_suffice_ends_the_run_and_is_not_blamed(
     study, golden, tmp_path, monkeypatch
 ):
@@ -75,16 +62,6 @@ def test_a_scenario_for_which_the_memory_does_not_suffice_ends_the_run_and_is_no
         execute(harmed, tmp_path / "out", n_jobs=1)
     finished = execute(study, tmp_path / "out", n_jobs=1)
     assert 0 < finished.n_run < N_SCENARIOS
-    assert finished.results.attrs["content_sha256"] == golden
-
-
-@pytest.mark.full
-def test_a_worker_that_is_killed_once_costs_nothing_but_time(study, golden, tmp_path, monkeypatch):
-    cut(monkeypatch, 10)
-    once = tmp_path / "once"
-    harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=once)
-    finished = execute(harmed, tmp_path / "out", backend="loky", n_jobs=2)
-    assert once.exists()
     assert finished.results.attrs["content_sha256"] == golden
 
 
@@ -100,7 +77,7 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
             os.kill(alive[0], signal.SIGKILL)
 
     before = children()
-    finished = execute(study, tmp_path / "out", backend="loky", n_jobs=1, progress=lambda _: kill_one)
+    finished = execute(study, tmp_path / "out", backend="loky", n_jobs=1, progress=lambda *_: kill_one)
     assert killed
     assert finished.results.attrs["content_sha256"] == golden
 
@@ -115,6 +92,7 @@ def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.full
 def test_workers_that_cannot_even_start_end_in_a_sentence(study, tmp_path, monkeypatch):
     monkeypatch.setattr(pools, "_MOST_DEATHS", 1)
     monkeypatch.setattr(pools, "begin_process", failing_shards.does_not_start)
@@ -135,16 +113,6 @@ def test_a_process_that_dies_before_it_reads_anything_is_waited_for_by_nobody(st
             pool.submit(Shard(np.arange(10**6))).result(timeout=40)
     finally:
         pool.close()
-
-
-def test_a_task_fits_into_a_pipe(study, monkeypatch):
-    pool, sent = make_pool("loky", Job(study.plan, None), 1, None), []
-    monkeypatch.setattr(pool._executor, "submit", lambda *task: sent.append(pickle.dumps(task)))
-    try:
-        pool.submit(Shard(np.arange(0, 10**6, 2)))
-    finally:
-        pool.close()
-    assert len(sent[0]) < _PIPE
 
 
 def test_the_folder_with_the_job_is_for_this_user_alone_and_is_removed(study, tmp_path, monkeypatch):
@@ -169,10 +137,10 @@ def test_a_process_that_is_short_of_memory_is_replaced(study, golden, tmp_path, 
     "backend", ["threads", *(pytest.param(name, marks=pytest.mark.full) for name in ("loky", "dask"))]
 )
 def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
-    small_study, golden, tmp_path, monkeypatch, backend, two_workers
+    small_study, golden, tmp_path, monkeypatch, backend, request
 ):
     cut(monkeypatch, 8)
-    scheduler = two_workers.address if backend == "dask" else None
+    scheduler = request.getfixturevalue("two_workers").address if backend == "dask" else None
     words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", backend, "-j", "1", "--no-figures"]
     with monkeypatch.context() as patch:
         failing_shards.harms(patch, failing_shards.refuses, [100])
@@ -183,8 +151,3 @@ def test_an_error_of_the_user_comes_through_and_what_is_finished_is_kept(
     finished = execute(read_study(small_study), tmp_path / "out")
     assert 0 < finished.n_run <= N_SCENARIOS - 80
     assert finished.results.attrs["content_sha256"] == golden
-
-
-def test_the_error_of_a_thread_is_that_of_the_user(study, tmp_path):
-    with pytest.raises(InputError, match="give another"):
-        execute(failing_shards.harmful(study, failing_shards.refuses, [0]), tmp_path / "out", n_jobs=2)

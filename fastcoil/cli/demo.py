@@ -1,0 +1,77 @@
+"""``fastcoil demo``: a diagnosis, an explanation and a sweep, on a log that is simulated first."""
+
+import shlex
+import tempfile
+from contextlib import ExitStack, chdir
+from pathlib import Path
+
+import click
+
+from fastcoil.base.errors import InputError
+from fastcoil.base.files import commit, entries, make_folder, storage_errors
+from fastcoil.cli.arguments import PATH
+from fastcoil.cli.terminal import announce_compilation, say
+
+_LOOP = {"backlash": 0.09, "kp": 0.03, "ti": 15.0}
+_STUDY = """title = "Which estimate of a gap of 9 % helps, and with which Ti?"
+[loop]
+preset = "lbnl"
+backlash = 0.09
+kp = 0.03
+[sweep]
+estimate_ratio = [0.0, 0.6, 0.8, 0.95, 1.1]
+ti = [15.0, 30.0, 60.0, 120.0]
+[boundary]
+hours = 8
+seed = [1, 2, 3, 4, 5]
+"""
+_COMMANDS = (
+    ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
+    (
+        "Why does it hunt, and what would cure it?",
+        "fastcoil explain lbnl --set backlash=0.09 --set kp=0.03 --set ti=15",
+    ),
+    ("What does an inverse gain?  20 loops on 5 days, in sweep.toml", "fastcoil run sweep.toml -o sweep -j 2"),
+)
+
+
+@click.command()
+@click.argument("folder", type=PATH, required=False)
+@click.pass_context
+def demo(context: click.Context, folder: Path | None) -> None:
+    """Show a diagnosis, an explanation and a sweep in about a minute.
+
+    The log, the study file and the results stay in FOLDER, if it is given.
+    """
+    if folder is not None and entries(folder):
+        raise InputError(f"{folder} has files in it: give the name of a new folder")
+    with ExitStack() as stack:
+        place = folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fastcoil-")))
+        with storage_errors(place, "made"):
+            make_folder(place, parents=True)
+            stack.enter_context(chdir(place))
+        announce_compilation()
+        commit(Path("log.csv"), _log().encode())
+        commit(Path("sweep.toml"), _STUDY.encode())
+        main = context.find_root().command
+        for question, command in _COMMANDS:
+            say("", f"# {question}", f"$ {command}")
+            with main.make_context("fastcoil", shlex.split(command)[1:]) as inner:
+                main.invoke(inner)
+    kept = f"The files are in {folder}." if folder else "To keep the files: fastcoil demo FOLDER"
+    say("", f"Next, with a log of your own: fastcoil diagnose LOG.csv.  {kept}")
+
+
+def _log() -> str:
+    """Six hours of a loop that hunts, as a building logs it."""
+    from fastcoil.loops.boundary.days import paper_day
+    from fastcoil.loops.loop import Loop
+    from fastcoil.loops.simulate import simulate
+
+    day = paper_day(hours=6, seed=2)
+    loop = Loop.preset("lbnl").assign(**_LOOP, noise_std=0.01)
+    ds = simulate(loop, day, traces=["command", "T_measured"], trace_interval=10)
+    T_set = day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time)
+    rows = zip(ds.elapsed_time.values, ds.command.values, ds.T_measured.values, T_set.values, strict=True)
+    lines = [f"{t:.0f},{command:.3f},{T_sup:.3f},{wanted:.3f}" for t, command, T_sup, wanted in rows]
+    return "\n".join(["elapsed_time [s],command [1],T_sup [degC],T_set [degC]", *lines, ""])

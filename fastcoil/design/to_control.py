@@ -1,0 +1,81 @@
+"""``to_control``: a linearised loop as a system of python-control."""
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.base.arguments import checking, instance_of
+from fastcoil.base.errors import InputError, missing_extra
+from fastcoil.design.operating_points import require_pi
+from fastcoil.loops.loop import Loop
+
+
+def to_control(linearised: xr.Dataset, loop: Loop | None = None) -> Any:
+    """Give one operating point of ``linearise`` to python-control.
+
+    Parameters
+    ----------
+    linearised
+        Result of ``linearise(…, state_space=True)`` at one point: choose it with ``.sel`` or ``.isel`` from a sweep.
+    loop
+        The loop that was linearised, for its open loop; what it sweeps is taken from the coordinates of the point.
+        None: the plant alone.
+
+    Returns
+    -------
+    control.StateSpace
+        Deviations from rest.  The plant: from ``opening`` to ``T_sup``, K, in steps of 1 s.  The open loop L: from the
+        error of the set-point to ``T_measured``, K per K, in steps of the sample time; PI, hold, gap, plant and sensor
+        as ``linearise`` has them, with the sign that makes ``control.feedback(L)`` the loop from ``T_set`` to
+        ``T_measured``.  For margins give ``control.margin`` its response, ``control.frd(L, w)``: the polynomials of
+        some thirty states overflow.
+
+    Raises
+    ------
+    InputError
+        Without a state space, for more than one point, for laws other than the PI, and without python-control.
+    """
+    with checking() as check:
+        check(instance_of, "linearised", linearised, xr.Dataset, "give a result of fc.linearise")
+        check.unless_none(instance_of, "loop", loop, Loop, "give the fastcoil.Loop that was linearised, or None")
+    if not {"A", "B", "state"} <= {*linearised.variables}:
+        raise InputError("linearised has no state space: give fc.linearise(…, state_space=True)")
+    point = linearised[["A", "B"]].squeeze()
+    more = [str(dim) for dim in point.dims if dim not in ("state", "state_before")]
+    if more:
+        raise InputError(f"linearised has several points along {', '.join(more)}: choose one with .sel or .isel")
+    try:
+        import control
+    except ImportError:
+        raise missing_extra("to_control", "control", "control") from None
+    A, B = point["A"].transpose("state", "state_before").values, point["B"].values
+    names = [str(name) for name in point["state"].values]
+    seen = np.array([name == "T_a_1" for name in names], float)
+    if loop is None:
+        return control.ss(A, B[:, None], seen, 0.0, 1.0, inputs="opening", outputs="T_sup", states=names, name="plant")
+    require_pi(loop)
+    ts, tau, kp, ti, backlash = (
+        _value(point, loop, name) for name in ("sample_time", "sensor_time_constant", "kp", "ti", "backlash")
+    )
+    # what the sensor shows a second later is one state more; the PI holds the opening from sample to sample
+    decay = math.exp(-1.0 / tau) if tau > 0.0 else 0.0
+    seen = np.append((1.0 - decay) * seen, decay)
+    second = np.vstack([np.column_stack([A, np.zeros(B.size)]), seen])
+    powers = [np.linalg.matrix_power(second, k) for k in range(int(ts) + 1)]
+    held = sum(power @ np.append(B, 0.0) for power in powers[:-1])
+    turned = (1.0 if _value(point, loop, "action") == "heating" else -1.0) / (1.0 - backlash)
+    plant = control.ss(powers[-1], held[:, None], turned * seen, 0.0, ts)
+    pi = control.ss(1.0, 1.0, kp * ts / ti, kp * (1.0 + ts / ti), ts)
+    L = plant * pi
+    L.update_names(inputs="T_set", outputs="T_measured", name="open_loop")
+    return L
+
+
+def _value(point: xr.Dataset, loop: Loop, name: str) -> Any:
+    """A parameter of the loop at this point."""
+    value = np.asarray(point[name] if name in point.coords else loop[name])
+    if value.size != 1:
+        raise InputError(f"{name} is swept, and linearised does not say which value it has: keep that coordinate")
+    return value.item()

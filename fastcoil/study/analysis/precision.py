@@ -1,0 +1,135 @@
+"""How precisely a study knows the mean of a metric, and whether it has drawn enough samples.
+
+Points of a Sobol' design are not independent: their scatter does not give the error of their mean.  A study with
+``[run] precision`` draws independent designs instead, batches of ``size`` samples each, and the scatter of their means
+gives Student's interval.  Means of small batches are skewed where a metric jumps, and a scatter that is small by chance
+ends a study too early.  So there are 32 batches at least, the interval takes the largest scatter that agrees with the
+one seen (95 % bound), and it is judged only when there are half as many batches again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from fastcoil.model.metric_table import METRICS, STATUS_NOT_RUN
+from fastcoil.model.parameter_table import CHANCE_DIMS
+
+FEWEST, USUAL_MOST = 32, 128
+"""Batches that are always drawn; batches at which a study ends where ``most`` is not given."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """The asked half-width of the 95 % interval of a metric's mean, in each case: over all dims but those of chance.
+
+    half_width: in the unit of the metric, or a share of the mean if ``relative``.  baseline: dim and label with which
+    the other cases are compared; the interval is then that of the difference, or of the relative change.  size: samples
+    of a batch.  most: samples at which the study ends, however wide the interval is.
+    """
+
+    metric: str
+    half_width: float
+    relative: bool
+    baseline: Mapping[str, Any]
+    size: int
+    most: int
+
+    @property
+    def counts(self) -> list[int]:
+        """Numbers of batches after which the interval is judged."""
+        found, last = [FEWEST], self.most // self.size
+        while found[-1] < last:
+            found.append(min(found[-1] * 3 // 2, last))
+        return found
+
+    def half_widths(self, ds: xr.Dataset) -> tuple[xr.DataArray, int]:
+        """The half-width of each case, from the leading batches that are complete, and how many these are.
+
+        Failed scenarios are left out; NaN where a batch has no value, or with fewer than two batches.
+        """
+        values = xr.DataArray(ds[self.metric].variable)
+        run = (ds["status"] != STATUS_NOT_RUN).all([d for d in values.dims if d != "sample"]).values
+        n = int(run.size if run.all() else run.argmin()) // self.size
+        if n < 2:
+            return xr.DataArray(np.nan), n
+        chance = [d for d in values.dims if d in CHANCE_DIMS and d != "sample"]
+        values = values.isel(sample=slice(n * self.size))
+        means = (values.mean(chance) if chance else values).coarsen(sample=self.size).mean()
+        reference, ratio = means, xr.DataArray(0.0)
+        if self.baseline:
+            reference = means.isel({d: int(np.argmax(ds[d].values == label)) for d, label in self.baseline.items()})
+            ratio = xr.DataArray(1.0)
+        scale = abs(reference.mean("sample", skipna=False)) if self.relative else xr.DataArray(1.0)
+        with np.errstate(all="ignore"):  # infinite values, a mean of 0
+            if self.baseline and self.relative:
+                ratio = (means.mean("sample") / reference.mean("sample")).where(scale > 0.0, 0.0)
+            scatter = (means - ratio * reference).std("sample", ddof=1, skipna=False)
+            halves = _half_width(n) * scatter / scale
+        return halves.where(scatter != 0.0, 0.0), n
+
+    def reached(self, ds: xr.Dataset) -> float:
+        """The half-width of the least certain case."""
+        return float(self.half_widths(ds)[0].max(skipna=False))
+
+    def is_enough(self, ds: xr.Dataset) -> bool:
+        """Whether a result is as precise as asked, or has the most samples."""
+        halves, n = self.half_widths(ds)
+        return n == self.counts[-1] or n in self.counts and self.reached(ds) <= self.half_width
+
+    def attributes(self, ds: xr.Dataset) -> dict[str, str]:
+        """What was reached, for the attributes of a result."""
+        found = {"half_width": self.reached(ds), "samples": ds.sizes["sample"]}
+        return {"precision_reached": json.dumps(found | {"reached": self.reached(ds) <= self.half_width})}
+
+    def how(self, a_batch: int) -> str:
+        """How a study of ``a_batch`` scenarios a batch goes on."""
+        first, last = (f"{n * self.size:,} samples ({n * a_batch:,} scenarios)" for n in (FEWEST, self.counts[-1]))
+        return f"{self._asked}: {first} first, half as many again until it is reached, {last} at most"
+
+    def so_far(self, ds: xr.Dataset) -> str:
+        """The half-width that was reached and the asked one, in short."""
+        return f"± {self._number(self.reached(ds))} (± {self._number(self.half_width)} asked)"
+
+    def in_words(self, ds: xr.Dataset) -> str:
+        """The half-width that was reached and that was asked, as a sentence."""
+        halves, n = self.half_widths(ds)
+        if n < 2:
+            return f"Precision: {self._asked}; its first batches are not complete."
+        least = f" in the least certain of {halves.size} cases" if halves.size > 1 else ""
+        said = f"Precision: {self._asked}; ± {self._number(self.reached(ds))}{least} from {n * self.size:,} samples"
+        if self.reached(ds) <= self.half_width:
+            return f"{said}."
+        return f"{said}, the most allowed: raise most, or half_width." if self.is_enough(ds) else f"{said}: draw more."
+
+    @property
+    def _asked(self) -> str:
+        against = "".join(f" against {dim} = {label}" for dim, label in self.baseline.items())
+        return f"mean of {self.metric}{against} to ± {self._number(self.half_width)} (95 %)"
+
+    def _number(self, half_width: float) -> str:
+        unit = "" if METRICS[self.metric].unit == "1" else f" {METRICS[self.metric].unit}"
+        return f"{100.0 * half_width:.3g} %" if self.relative else f"{half_width:.3g}{unit}"
+
+    @property
+    def text(self) -> str:
+        """Itself, for the attributes of a result."""
+        return json.dumps(asdict(self))
+
+
+def precision_of(ds: xr.Dataset) -> Precision | None:
+    """What the study of a result asked; None if it asked nothing."""
+    return Precision(**json.loads(ds.attrs["precision"])) if "precision" in ds.attrs else None
+
+
+def _half_width(n: int) -> float:
+    """Half-width of the interval of a mean of ``n`` values by their standard deviation."""
+    from scipy.special import chdtri, stdtrit
+
+    largest = np.sqrt((n - 1) / chdtri(n - 1, 0.95))
+    return float(stdtrit(n - 1, 0.975) * largest / np.sqrt(n))

@@ -1,0 +1,260 @@
+"""The exported FMU, driven by FMPy: valid, the kernel's numbers, its clock inside communication steps, its refusals."""
+
+import re
+import runpy
+import shutil
+import subprocess
+import warnings
+import zipfile
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from helpers import rules
+from helpers.exported import FLAGS, finds, vectors
+from test_same_controller import loop_of
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+
+pytestmark = [
+    pytest.mark.kernel,
+    pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler: cc"),
+]
+fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed: pip install --group test")
+from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE  # noqa: E402
+from fmpy.validation import validate_fmu  # noqa: E402
+
+ROOT = Path(__file__).parents[3]
+SAMPLE_TIME = 15.0
+PLAIN = {"backlash_estimate": 0.05, "sample_time": SAMPLE_TIME}
+
+
+def unpacked(path):
+    """The folder with what is in an FMU."""
+    folder = path.with_suffix("")
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+class Slave:
+    """An instance, begun at ``start``, with variables by name."""
+
+    def __init__(self, folder, start=0.0, guid=None, **values):
+        described = fmpy.read_model_description(str(folder))
+        self.variables = {one.name: one for one in described.modelVariables}
+        self.said = []
+        self.fmu = FMU2Slave(
+            guid=guid or described.guid, unzipDirectory=str(folder), instanceName="one",
+            modelIdentifier=described.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        self.callbacks = callbacks = fmi2CallbackFunctions()  # FMPy does not keep them
+        callbacks.logger = fmi2CallbackLoggerTYPE(lambda *given: self.said.append(given[-1].decode()))
+        self.fmu.instantiate(callbacks=callbacks)
+        self.fmu.setupExperiment(startTime=start)
+        self.fmu.enterInitializationMode()
+        self.put(**values)
+        self.fmu.exitInitializationMode()
+
+    def put(self, **values):
+        for name, value in values.items():
+            one = self.variables[name]
+            (self.fmu.setReal if one.type == "Real" else self.fmu.setBoolean)([one.valueReference], [value])
+
+    def __getattr__(self, name):
+        one = self.variables[name]
+        return (self.fmu.getReal if one.type == "Real" else self.fmu.getBoolean)([one.valueReference])[0]
+
+    def step(self, time, h, **values):
+        self.put(**values)
+        self.fmu.doStep(time, h)
+        return self
+
+
+def runner(folder):
+    """Takes an instance through one cycle."""
+    slave, times = Slave(folder), iter(range(10**6))
+    step = float(slave.sample_time)
+    inputs = [name for name, one in slave.variables.items() if one.causality == "input"]
+    return lambda given: slave.step(next(times) * step, step, **{name: given[name] for name in inputs})
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The FMU of a loop of ``test_same_controller`` and its vectors, made once."""
+    made = {}
+
+    def files(name, test=None):
+        if name not in made:
+            loop = fc.Loop(**PLAIN) if name == "plain" else loop_of(name)
+            made[name] = fc.export_controller(loop, tmp_path_factory.mktemp(name) / "valve.fmu", "fmu", test=test)
+        return made[name]
+
+    return files
+
+
+@pytest.fixture(scope="module")
+def plain(exported):
+    """Folder of the FMU of a PI with an inverse."""
+    return unpacked(exported("plain")[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "test"),
+    [
+        ("inverse", None),
+        ("heating", None),
+        ("gradient", None),
+        ("identify", fc.ValveTest()),
+        pytest.param("variants", None, marks=pytest.mark.full),
+        pytest.param("additive", None, marks=pytest.mark.full),
+        pytest.param("hagglund", None, marks=pytest.mark.full),
+    ],
+)
+def test_it_is_valid_and_gives_the_kernels_numbers(exported, name, test):
+    """Every vector, through FMPy."""
+    path, stored = exported(name, test)
+    assert validate_fmu(str(path)) == []
+    inputs, outputs = (
+        {one.name for one in fmpy.read_model_description(str(path)).modelVariables if one.causality == causality}
+        for causality in ("input", "output")
+    )
+    columns = vectors(stored)[0].keys()
+    assert inputs | outputs == columns
+    assert {"T_sup", "T_set", "enabled", "reset", "start_command"} <= inputs
+    assert ("start_test" in inputs) == ("test_aborted" in outputs) == (test is not None)
+    assert not finds(runner(unpacked(path)), stored)
+
+
+def test_a_broken_law_is_found_and_the_sources_compile_without_a_warning(exported, tmp_path):
+    path, stored = exported("inverse")
+    shutil.copy(path, tmp_path / "broken.fmu")
+    folder = unpacked(tmp_path / "broken.fmu")
+    binary = folder / "binaries" / "linux64" / "valve.so"
+    flags = [*FLAGS, "-Wno-unused-parameter", "-fPIC", "-shared"]
+    laws = folder / "sources" / "controller.c"
+    for text in (laws.read_text(), laws.read_text().replace("s->u > s->u_ext)", "s->u > s->u_ext + 0.1)")):
+        laws.write_text(text)
+        subprocess.run(["cc", *flags, folder / "sources" / "fmi2.c", "-lm", "-o", binary], check=True)
+        found = subprocess.run(["nm", "-D", "--defined-only", binary], check=False, capture_output=True, text=True)
+        assert "fmi2DoStep" in found.stdout or found.returncode
+        if "0.1)" not in text:
+            assert not finds(runner(folder), stored)
+            binary.rename(binary.with_suffix(".whole"))  # a library is loaded once
+    shutil.copytree(folder, tmp_path / "other")
+    assert finds(runner(tmp_path / "other"), stored)
+
+
+def after(folder, seconds, h, start=0.0):
+    """The slave after some seconds of a temperature that is too high and falls each 60 s."""
+    slave = Slave(folder, start, start_command=0.3)
+    for k in range(round(seconds / h)):
+        slave.step(start + k * h, h, T_sup=16.0 - (k * h // 60.0), T_set=14.0)
+    return slave
+
+
+def test_it_acts_at_multiples_of_its_sample_time_whatever_the_communication_step_is(plain):
+    expected = after(plain, 420.0, SAMPLE_TIME)
+    assert expected.integral_part != 0.3
+    for h in (0.1, 1.0, 5.0, 30.0, 60.0):
+        for start in (0.0, 1e6):
+            found = after(plain, 420.0, h, start)
+            assert (found.command, found.integral_part) == (expected.command, expected.integral_part), h
+    # 280 s hold the cycles of 0, 15 … 270 s, and 285 s no other
+    for h in (7.0, 28.0):
+        assert after(plain, 280.0, h).u != after(plain, 266.0, 7.0).u
+    assert after(plain, 280.0, 1.0).u == after(plain, 285.0, 1.0).u != after(plain, 286.0, 1.0).u
+
+
+def test_the_first_output_is_the_command_to_start_from_and_the_loop_goes_on_from_there(plain):
+    slave = Slave(plain, start_command=0.4)
+    assert slave.command == 0.4
+    assert slave.step(0.0, 1.0, T_sup=14.0, T_set=14.0).command == pytest.approx(0.4, abs=1e-12)
+
+
+def test_steps_that_go_backwards_or_leave_time_out_are_errors(plain):
+    slave = Slave(plain).step(0.0, 60.0)
+    for time, h in ((0.0, 60.0), (45.0, 15.0), (60.0, -15.0), (75.0, 15.0), (60.0, float("nan"))):
+        with pytest.raises(FMICallException) as caught:
+            slave.fmu.doStep(time, h)
+        assert caught.value.status == 3  # fmi2Error
+        assert "where the last one ended, and does not go backwards" in slave.said.pop()
+    slave.step(60.0, 15.0)
+
+
+def test_a_stored_state_takes_it_back(plain):
+    slave = after(plain, 60.0, 15.0)
+    before = slave.command
+    state = slave.fmu.getFMUstate()
+    first = slave.step(60.0, 60.0, T_sup=18.0).command
+    assert first != before
+    slave.fmu.setFMUstate(state)
+    assert slave.command == before
+    assert slave.step(60.0, 60.0, T_sup=18.0).command == first
+    slave.fmu.freeFMUstate(state)
+
+
+def test_parameters_are_constants_with_units(plain):
+    slave = Slave(plain)
+    kp, T_sup = slave.variables["kp"], slave.variables["T_sup"]
+    assert (kp.causality, kp.variability, kp.unit, float(kp.start)) == ("local", "constant", "K-1", slave.kp)
+    assert (slave.sample_time, slave.backlash_estimate, T_sup.unit) == (SAMPLE_TIME, 0.05, "degC")
+    with pytest.raises(FMICallException):
+        slave.put(kp=0.1)
+    assert "export a controller with other parameters" in slave.said.pop()
+
+
+def test_another_guid_is_refused(plain):
+    with pytest.raises(Exception, match="instantiate"):
+        Slave(plain, guid="{00000000-0000-0000-0000-000000000000}")
+
+
+def test_the_same_controller_has_the_same_bytes_and_another_one_another_guid(exported, tmp_path):
+    path, _ = exported("plain")
+    fc.export_controller(fc.Loop(**PLAIN), tmp_path / "valve.fmu", "fmu")
+    assert (tmp_path / "valve.fmu").read_bytes() == path.read_bytes()
+    fc.export_controller(fc.Loop(**PLAIN, kp=0.017), tmp_path / "valve.fmu", "fmu")
+    guids = {fmpy.read_model_description(str(one)).guid for one in (path, tmp_path / "valve.fmu")}
+    assert len(guids) == 2
+
+
+@pytest.mark.parametrize("compiler", [None, "false"])
+def test_without_a_compiler_there_are_sources_and_a_sentence_says_so(tmp_path, monkeypatch, compiler):
+    monkeypatch.setattr("fastcoil.deliver.export.fmu.shutil.which", lambda name: compiler)
+    with pytest.warns(UserWarning, match="has sources and no binary.*(no C compiler was found|false failed)"):
+        fc.export_controller(fc.Loop(**PLAIN), tmp_path / "valve.fmu", "fmu")
+    with zipfile.ZipFile(tmp_path / "valve.fmu") as archive:
+        assert archive.namelist() == ["modelDescription.xml", "sources/fmi2.c", "sources/controller.c"]
+    assert fmpy.supported_platforms(str(tmp_path / "valve.fmu")) == ["c-code"]
+
+
+def test_the_command_finds_the_form_by_the_suffix_and_refuses_in_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop.toml").write_text("[loop]\nbacklash_estimate = 0.05\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        done = CliRunner().invoke(main, ["export", "loop.toml", "-o", "2nd floor.fmu"])
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[-2:] == ["Written: 2nd floor.fmu", "Written: 2nd floor_vectors.csv"]
+    assert fmpy.read_model_description("2nd floor.fmu").coSimulation.modelIdentifier == "c_2nd_floor"
+    endless = "def mine(now, p, memory):\n    while now.e > p.gain:\n        pass\n    return 0.0, memory\n"
+    (tmp_path / "mine.py").write_text(rules.HEAD + endless)
+    (tmp_path / "own.toml").write_text('[loop]\nestimator = "mine:mine"\ngain = 0.02\n')
+    for words, said in (
+        (["own.toml", "-o", "own.fmu"], "estimator = 'mine' cannot be exported: line 13"),
+        (["loop.toml", "-o", "x.c", "--language", "fmu"], r"x\.c: give a file NAME\.fmu"),
+    ):
+        done = CliRunner().invoke(main, ["export", *words])
+        assert done.exit_code == 2
+        assert re.search(said, done.output)
+    assert not [*tmp_path.glob("own.fmu"), *tmp_path.glob("x*")]
+
+
+def test_the_example_of_the_gallery_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    plain, inverse = runpy.run_path(str(ROOT / "docs" / "gallery" / "16_fmu.py"))["rms"].values()
+    assert inverse < 0.1 * plain
+    assert "rms with the plain PI" in capsys.readouterr().out

@@ -1,0 +1,169 @@
+"""The exported XML of PLCopen: the elements of the standard in its order, and together the Structured Text."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+from click.testing import CliRunner
+from helpers.exported import finds, structured_text_runner
+from test_same_controller import loop_of
+
+import fastcoil as fc
+from fastcoil.cli.main import main
+from fastcoil.deliver.export.words import IEC
+
+pytestmark = pytest.mark.kernel
+
+TC6 = "{http://www.plcopen.org/xml/tc6_0201}"
+XHTML = "{http://www.w3.org/1999/xhtml}xhtml"
+TYPES = {"LREAL", "BOOL", "INT"}
+CHILDREN = {
+    "project": "fileHeader contentHeader types instances",
+    "contentHeader": "coordinateInfo", "coordinateInfo": "fbd ld sfc", "fbd": "scaling", "ld": "scaling",
+    "sfc": "scaling", "types": "dataTypes pous", "instances": "configurations", "pous": "(pou )+",
+    "pou": "interface body documentation",
+    "interface": "(returnType )?inputVars (outputVars )?(localVars )*", "returnType": "LREAL",
+    "inputVars": "(variable )+", "outputVars": "(variable )+", "localVars": "(variable )+",
+    "variable": "type (initialValue )?(documentation )?", "type": "(LREAL|BOOL|INT|array)",
+    "array": "dimension baseType", "baseType": "LREAL", "initialValue": "(simpleValue|arrayValue)",
+    "arrayValue": "(value )+", "value": "simpleValue", "body": "ST", "ST": "xhtml", "documentation": "xhtml",
+}  # fmt: skip
+"""What an element holds, in the order of the standard, for the elements that a controller needs."""
+ATTRIBUTES = {
+    "fileHeader": "companyName productName productVersion creationDateTime", "contentHeader": "name", "scaling": "x y",
+    "pou": "name pouType", "variable": "name", "dimension": "lower upper", "simpleValue": "value",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """name → the project as an element, the Structured Text of the same controller, and the vectors."""
+    made = {}
+
+    def files(name):
+        if name not in made:
+            test = fc.ValveTest() if name == "identify" else None
+            folder = tmp_path_factory.mktemp(name)
+            xml, stored = fc.export_controller(loop_of(name), folder / "valve.xml", "plcopen", test=test)
+            text = fc.export_controller(loop_of(name), folder / "valve.st", "st", test=test)[0].read_text()
+            made[name] = ET.parse(xml).getroot(), text, stored
+        return made[name]
+
+    return files
+
+
+each_loop = pytest.mark.parametrize("name", ["inverse", "identify", pytest.param("smooth", marks=pytest.mark.full)])
+
+
+def type_of(place):
+    (kind,) = place
+    if kind.tag != f"{TC6}array":
+        return kind.tag.removeprefix(TC6)
+    ends = kind.find(f"{TC6}dimension")
+    return f"ARRAY[{ends.get('lower')}..{ends.get('upper')}] OF {type_of(kind.find(f'{TC6}baseType'))}"
+
+
+def recombined(project):
+    """Structured Text of the units of a project, a declaration a line."""
+    lines = []
+    for pou in project.iter(f"{TC6}pou"):
+        kind = {"function": "FUNCTION", "functionBlock": "FUNCTION_BLOCK"}[pou.get("pouType")]
+        returns = pou.find(f"{TC6}interface/{TC6}returnType")
+        lines.append(f"{kind} {pou.get('name')}{'' if returns is None else f' : {type_of(returns)}'}")
+        for group in pou.find(f"{TC6}interface"):
+            if group is returns:
+                continue
+            opening = {"inputVars": "VAR_INPUT", "outputVars": "VAR_OUTPUT"}.get(group.tag.removeprefix(TC6), "VAR")
+            lines.append(f"{opening} CONSTANT" if group.get("constant") else opening)
+            for variable in group:
+                values = [one.get("value") for one in variable.iter(f"{TC6}simpleValue")]
+                kind_of = type_of(variable.find(f"{TC6}type"))
+                value = f"[{', '.join(values)}]" if kind_of.startswith("ARRAY") else "".join(values)
+                lines.append(f"{variable.get('name')} : {kind_of}{f' := {value}' if values else ''};")
+            lines.append("END_VAR")
+        lines += [pou.find(f"{TC6}body/{TC6}ST/{XHTML}").text, f"END_{kind}"]
+    return "\n".join(lines) + "\n"
+
+
+def parts_of(text):
+    """Of each unit: its head, its declarations, and its body to the last byte."""
+    units = re.findall(r"^(FUNCTION(?:_BLOCK)?) (.*?)\n(.*?)^END_\1$", text, re.MULTILINE | re.DOTALL)
+    for kind, head, inner in units:
+        declared, _, body = inner.rpartition("END_VAR\n")
+        found = []
+        for section in f"{declared}END_VAR\n".split("END_VAR\n")[:-1]:
+            plain = re.sub(r"\(\*.*?\*\)", "", section, flags=re.DOTALL).strip()
+            opening, _, names = plain.partition("\n")
+            for listed, rest in re.findall(r"([\w,\s]+) : ([^;]+);", names):
+                kind_of = re.sub(r"\s+", " ", rest).replace("[ ", "[").replace(" ]", "]")
+                found += [(opening.strip(), name.strip(), kind_of) for name in listed.split(",")]
+        yield kind, head, sorted(found), body.removeprefix("\n")
+
+
+@each_loop
+def test_its_elements_are_those_of_the_standard_in_their_order(exported, name):
+    """Names, order, attributes and types; the schema itself is not ours to copy."""
+    project, *_ = exported(name)
+    assert project.tag == f"{TC6}project"
+    for one in project.iter():
+        assert one.tag == XHTML or one.tag.startswith(TC6)
+        tag = one.tag.removeprefix(TC6)
+        inside = " ".join(child.tag.rpartition("}")[2] for child in one)
+        assert re.fullmatch(CHILDREN.get(tag, ""), inside) or re.fullmatch(CHILDREN.get(tag, ""), f"{inside} "), tag
+        wanted = set(ATTRIBUTES.get(tag, "").split())
+        assert set(one.attrib) == wanted | ({"constant"} if "constant" in one.attrib and tag == "localVars" else set())
+        assert not (one.text or "").strip() or tag == XHTML
+    names = [one.get("name") for one in project.iter() if one.tag in (f"{TC6}pou", f"{TC6}variable")]
+    assert all(re.fullmatch(r"[A-Za-z]\w*", one) for one in names)
+    assert not {one.casefold() for one in names} & IEC
+
+
+@each_loop
+def test_the_class_model_of_the_schema_reads_it(tmp_path, exported, name):
+    """Names, attributes and values that are not in the schema are errors; order is checked above."""
+    plcopen = pytest.importorskip("plcopen", reason="plcopen is not installed: pip install --group test")
+    from xsdata.formats.dataclass.parsers import XmlParser
+
+    project, *_ = exported(name)
+    read = XmlParser().from_string(ET.tostring(project, encoding="unicode"), plcopen.Project)
+    assert [one.name for one in read.types.pous.pou][-1] == "FB_valve"
+    assert len(read.types.pous.pou) == len(project.findall(f".//{TC6}pou"))
+
+
+@each_loop
+def test_interface_and_body_are_the_structured_text(exported, name):
+    """Declarations one by one, bodies byte by byte; and the whole of it gives the kernel's numbers."""
+    project, text, stored = exported(name)
+    found = recombined(project)
+    assert list(parts_of(found)) == list(parts_of(text))
+    assert len(list(parts_of(text))) == text.count("END_FUNCTION")
+    if name == "inverse":
+        assert not finds(structured_text_runner(found), stored)
+        assert finds(structured_text_runner(found.replace("u > u_ext ", "u > u_ext + 0.1 ")), stored)
+
+
+def test_what_the_code_says_of_a_variable_is_its_documentation(exported):
+    project, text, _ = exported("inverse")
+    said = {
+        one.get("name"): one.find(f"{TC6}documentation/{XHTML}").text
+        for one in project.iter(f"{TC6}variable")
+        if one.find(f"{TC6}documentation") is not None
+    }
+    assert "kelvin" in said["KP"]
+    assert f"(* {said['T_sup']} *)" in text
+
+
+def test_the_command_finds_it_by_its_suffix_and_it_has_the_same_bytes_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop.toml").write_text("[loop]\nbacklash_estimate = 0.05\n")
+    contents = []
+    for _ in range(2):
+        done = CliRunner().invoke(main, ["export", "loop.toml", "-o", "valve.xml"])
+        assert done.exit_code == 0, done.output
+        assert done.output.splitlines()[-2:] == ["Written: valve.xml", "Written: valve_vectors.csv"]
+        contents.append((tmp_path / "valve.xml").read_bytes())
+    assert contents[0] == contents[1]
+    (tmp_path / "other.xml").write_text("<project/>")
+    done = CliRunner().invoke(main, ["export", "loop.toml", "-o", "other.xml"])
+    assert done.exit_code == 2
+    assert "other.xml exists, and fastcoil did not write it" in done.output

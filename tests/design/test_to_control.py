@@ -1,0 +1,89 @@
+"""``fc.to_control``: systems of python-control that have the numbers of ``linearise`` and answer as the emulator."""
+
+import sys
+
+import numpy as np
+import pytest
+from helpers.linear_loops import KINDS
+
+import fastcoil as fc
+
+pytestmark = pytest.mark.kernel
+control = pytest.importorskip("control", reason="python-control is an extra")
+
+SAMPLED = {
+    "wet, lagged": {"sample_time": 30, "ti": 40.0, "kp": 0.02},
+    "mixed, quasistatic": {"sample_time": 5, "sensor_time_constant": 25.0, "ti": 60.0, "kp": 0.05},
+    "heating": {"sample_time": 15, "ti": 60.0, "kp": 0.02, "sensor_time_constant": 10.0},
+}
+
+
+def linearised(name, **changes):
+    """A loop, and what ``linearise`` makes of it."""
+    loop, entering = KINDS[name]
+    loop = loop.assign(**{"backlash": 0.05} | SAMPLED[name] | changes)
+    w = np.geomspace(1e-5, np.pi / SAMPLED[name]["sample_time"], 400)[:-1]
+    return loop, fc.linearise(loop, fc.constant_day(0.6, **entering), at=0, state_space=True, frequency=w)
+
+
+@pytest.mark.parametrize("name", SAMPLED)
+def test_responses_and_margins_are_those_of_linearise(name):
+    loop, ds = linearised(name)
+    plant, L, w = fc.to_control(ds), fc.to_control(ds, loop), ds.frequency.values
+    for system, part in ((plant, "plant"), (L, "loop")):
+        expected = (ds[f"{part}_magnitude"] * np.exp(1j * np.radians(ds[f"{part}_phase"]))).values
+        found = system.frequency_response(w).complex.ravel()
+        np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-5)
+    assert plant.dcgain() == pytest.approx(float(ds.gain), rel=1e-3)
+    gain, phase, _, _ = control.margin(control.frd(L, w))
+    end = -L(-1.0 + 0.0j).real  # python-control looks no further than before it
+    gain = min(gain, 1.0 / end) if end > 0.0 else gain
+    assert gain == pytest.approx(float(ds.gain_margin), rel=5e-3)
+    assert phase == pytest.approx(float(ds.phase_margin), abs=0.3)
+
+
+@pytest.mark.parametrize("name", SAMPLED)
+def test_the_closed_loop_answers_a_step_of_the_set_point_as_the_emulator(name):
+    step, before, after, ts = 0.005, 6000, 900, SAMPLED[name]["sample_time"]
+    margin = float(linearised(name, backlash=0.0)[1].gain_margin)
+    loop, ds = linearised(name, backlash=0.0, stroke_time=0.0, kp=0.3 * margin * SAMPLED[name]["kp"])
+    closed = control.feedback(fc.to_control(ds, loop))
+    expected = control.step_response(closed, np.arange(0.0, after, ts)).outputs
+    entering = KINDS[name][1]
+    T_set = np.full(before + after, entering.get("T_set", 14.0))
+    T_set[before:] += step
+    day = fc.constant_day((before + after) / 3600, **entering | {"T_set": T_set})
+    traced = fc.simulate(loop, day, traces=["T_measured"], trace_interval=ts, warm_up=0, n_jobs=1)
+    answer = (traced.T_measured.values[before // ts :] - T_set[0]) / step
+    assert np.ptp(answer) > 0.5
+    np.testing.assert_allclose(answer, expected, atol=0.01)
+
+
+def test_they_have_sample_times_and_names():
+    loop, ds = linearised("heating")
+    plant, L = fc.to_control(ds), fc.to_control(ds, loop)
+    assert (plant.dt, plant.input_labels, plant.output_labels) == (1.0, ["opening"], ["T_sup"])
+    assert plant.state_labels == ds.state.values.tolist()
+    assert (L.dt, L.input_labels, L.output_labels) == (15.0, ["T_set"], ["T_measured"])
+
+
+def test_a_point_of_a_sweep_has_its_own_parameters():
+    loop, day = fc.Loop(kp=[0.01, 0.02]), fc.constant_day(0.6)
+    ds = fc.linearise(loop, day, at=[0, 100], state_space=True)
+    low, high = (fc.to_control(ds.isel(kp=k, elapsed_time=0), loop) for k in (0, 1))
+    w = np.array([0.001, 0.01])
+    np.testing.assert_allclose(high(np.exp(30j * w)), 2.0 * low(np.exp(30j * w)), rtol=1e-12)
+    for wrong, words in (
+        ((ds, loop), "several points along kp, elapsed_time: choose one"),
+        ((ds.isel(kp=0, elapsed_time=0, drop=True), loop), "kp is swept, and linearised does not say"),
+        ((fc.linearise(fc.Loop(), day), None), "state_space=True"),
+    ):
+        with pytest.raises(fc.InputError, match=words):
+            fc.to_control(*wrong)
+
+
+def test_without_python_control_a_sentence_names_the_extra(monkeypatch):
+    _, ds = linearised("heating")
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(fc.InputError, match=r"pip install 'fastcoil\[control\]'"):
+        fc.to_control(ds)

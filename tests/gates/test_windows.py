@@ -1,0 +1,172 @@
+"""Windows as far as Linux can play it: without what it lacks, every entry works and gives the same numbers.
+
+Emulated, see ``helpers.windows``: the compiler, HDF5 and the locks are those of Linux.  ``.github/workflows`` has the
+real one.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path, PureWindowsPath
+
+import pytest
+from helpers import day_on_windows, windows
+from helpers.processes import environment
+
+from fastcoil.base import machine
+from fastcoil.base.errors import IntegrityError
+from fastcoil.base.files import _ADDRESS
+from fastcoil.loops import netcdf
+
+pytestmark = [
+    pytest.mark.kernel,
+    pytest.mark.skipif(sys.platform != "linux", reason="open files are looked up in /proc"),
+]
+
+
+def on_windows(*words, cwd, **env):
+    """A process as on Windows: a module of the tests with its words."""
+    return subprocess.run(
+        [sys.executable, "-X", "warn_default_encoding", "-W", "ignore::EncodingWarning", "-m", *map(str, words)],
+        check=False, cwd=cwd, env=environment(**env), capture_output=True, timeout=280,
+        encoding=env.get("PYTHONIOENCODING", "utf-8"),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory):
+    """What came of each step of a user there."""
+    folder = tmp_path_factory.mktemp("windows")
+    done = on_windows("helpers.day_on_windows", folder, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("name", day_on_windows.STEPS)
+def test_nothing_fails_there_and_nothing_is_warned_of(day, name):
+    assert "Traceback" not in str(day[name]), day[name]
+    assert not day[f"{name}: warnings"]
+
+
+@pytest.mark.parametrize("name", ["simulate", "explain", "diagnose", "export_controller"])
+def test_what_is_computed_is_the_same_there(day, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    here = day_on_windows.STEPS[name]()
+    assert day[name] == json.loads(json.dumps(here))
+
+
+def test_a_study_is_interrupted_resumed_and_sound_there(day, golden, healthy):
+    assert day["interrupted_study"] == [1, False]
+    digest, total, problems = day["resumed_study"]
+    assert (digest, problems) == (golden, [])
+    assert total == pytest.approx(float(healthy.T_sup.sum()))
+
+
+def test_results_that_somebody_reads_are_replaced_after_that_or_a_sentence_says_why_not(day):
+    assert day["results_that_somebody_looks_at"] == ["Getriebespiel – Länge Δ", True]
+    assert (
+        "results.nc cannot be written: Access is denied; close the program that has it open"
+        in (day["results_that_stay_open"])
+    )
+
+
+def test_a_file_without_a_recorded_hash_is_probed_there_and_an_archive_is_sound(day):
+    total, probed, refused = day["unknown_netcdf"]
+    assert total > 0.0
+    assert probed
+    assert "damaged.nc is no NetCDF file, or it is damaged" in refused
+    assert day["archived"] == []
+
+
+def test_kernels_are_kept_in_a_folder_whose_mode_says_nothing(day):
+    assert day["kernels_are_kept"] == [True, True]
+
+
+def test_memory_commands_and_signals_are_those_of_windows(day):
+    typed = 'fastcoil run "my study.toml" -o C:\\results\\a'
+    assert day["machine"] == [windows.MEMORY, typed, 1, False]
+
+
+def test_the_command_works_there_and_says_what_its_code_page_has_no_letter_for(tmp_path):
+    def fastcoil(*words):
+        done = on_windows("helpers.windows", *words, cwd=tmp_path, PYTHONIOENCODING="cp1252")
+        assert "Traceback" not in done.stderr, done.stderr
+        return done.returncode, done.stdout + done.stderr
+
+    (tmp_path / "study.toml").write_text(
+        'title = "Größe → Δ"\n[loop]\n[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 0.25\n'
+        "[run]\nwarm_up = 100\n",
+        encoding="utf-8",
+    )
+    code, said = fastcoil("run", "study.toml", "-o", "out", "-j", "2")
+    assert code == 0, said
+    assert (tmp_path / "out" / "figures").is_dir()
+    assert fastcoil("verify", "out")[0] == 0
+    code, said = fastcoil("explain", "lbnl", "--set", "kp=0.03")
+    assert code == 0, said
+    assert fastcoil("verify", "none")[0] == 2
+
+
+# ------------------------------------------------------------------------------------------------------ alone, in part
+
+
+def test_a_crash_of_the_library_is_told_from_a_signal_and_by_its_code(tmp_path, monkeypatch):
+    path = tmp_path / "foreign.nc"
+    for code, words in ((-11, "signal 11"), (0xC0000005, "code 0xc0000005")):
+        path.write_bytes(code.to_bytes(8, "little", signed=True))
+        done = subprocess.CompletedProcess([], code, b"", b"")
+        monkeypatch.setattr(netcdf.subprocess, "run", lambda *_, done=done, **__: done)
+        with pytest.raises(IntegrityError, match=f"the library ended with {words}"):
+            netcdf.try_reading(path, "delete it")
+
+
+def test_only_windows_is_patient_with_a_refused_change(monkeypatch):
+    tries = []
+
+    def refused():
+        tries.append(1)
+        if len(tries) < 4:
+            raise PermissionError
+        return "done"
+
+    with pytest.raises(PermissionError):
+        machine.patiently(refused)
+    monkeypatch.setattr(machine, "IS_POSIX", False)
+    assert machine.patiently(refused) == "done"
+    monkeypatch.setattr(machine, "_PATIENCE", 0.0)
+    del tries[:]
+    with pytest.raises(PermissionError):
+        machine.patiently(refused)
+
+
+def test_a_worker_waits_there_for_the_process_itself(monkeypatch):
+    asked = []
+
+    class Win:
+        OpenProcess = staticmethod(lambda *words: asked.append(words) or 7)
+        WaitForSingleObject = staticmethod(lambda *words: asked.append(words))
+
+    monkeypatch.setitem(sys.modules, "_winapi", Win)
+    monkeypatch.setattr(machine.sys, "platform", "win32")
+    machine.wait_for_end(42)
+    assert asked == [(0x100000, False, 42), (7, -1)]
+
+
+@pytest.mark.parametrize("path", [r"C:\results\a", "C:/results/a", r"\\server\share\a", r"results\a"])
+def test_drive_letters_and_backslashes_are_no_addresses_and_no_names(path):
+    assert not _ADDRESS.match(path)
+    assert "\\" not in PureWindowsPath(path).as_posix()
+
+
+def test_no_file_but_machine_asks_for_what_only_unix_has():
+    words = (*(f"os.{n}" for n in windows.NO_NAMES), *(f"import {n}" for n in windows.NO_MODULES), "signal.SIGHUP",
+             "signal.SIGKILL", "import msvcrt", "sys.platform ==", "os.name")  # fmt: skip
+    package = Path(machine.__file__).parents[1]
+    found = {
+        f"{path.relative_to(package).as_posix()}: {word}"
+        for path in package.rglob("*.py")
+        for word in words
+        if word in path.read_text(encoding="utf-8") and path.name != "machine.py"
+    }
+    # guarded there: the package loads nothing else, and the lock is the library's
+    assert found == {"__init__.py: os.register_at_fork", "loops/netcdf.py: os.register_at_fork"}

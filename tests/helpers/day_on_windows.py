@@ -1,0 +1,203 @@
+"""What a user does, in a process as on Windows: prints what came of it as JSON, a value or a traceback by step."""
+
+import json
+import os
+import sys
+import threading
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+STEPS = {}
+
+
+def study_text(title="Größe"):
+    from helpers.processes import STUDY
+
+    return STUDY.replace("Größe", title)
+
+
+def step(function):
+    STEPS[function.__name__] = function
+    return function
+
+
+def loop_and_day():
+    import fastcoil as fc
+
+    return fc.Loop.preset("paper_like").assign(backlash=[0.03, 0.07], noise_std=0.01), fc.paper_day(hours=1, seed=1)
+
+
+@step
+def simulate():
+    import fastcoil as fc
+
+    return fc.simulate(*loop_and_day(), traces=["T_sup"]).attrs["content_sha256"]
+
+
+@step
+def explain():
+    import fastcoil as fc
+
+    loop, day = loop_and_day()
+    return str(fc.explain(loop.assign(backlash=0.07), day))
+
+
+@step
+def diagnose():
+    import fastcoil as fc
+
+    day = fc.paper_day(hours=4, seed=2)
+    loop = fc.Loop.preset("paper_like").assign(backlash=0.07)
+    ds = fc.simulate(loop, day, traces=["T_sup", "command"], trace_interval=10)
+    t, T_set = ds.elapsed_time.values, day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time).values
+    rows = np.column_stack([t, 100 * ds.command, ds.T_sup, T_set])
+    header = "elapsed_time [s],command [%],T_sup [degC],T_set [degC]"
+    np.savetxt("log.csv", rows, "%.3f", delimiter=",", header=header, comments="")
+    found = fc.diagnose("log.csv", stroke_time=90)
+    return [found.backlash, found.cause, str(found)]
+
+
+@step
+def export_controller():
+    import fastcoil as fc
+
+    fc.export_controller(fc.Loop.preset("lbnl"), "inverse.c", language="c")
+    return Path("inverse.c").read_text(encoding="utf-8")
+
+
+@step
+def interrupted_study():
+    """Interrupted after its first shard; then there are shards and no results."""
+    from fastcoil.loops import plan
+    from fastcoil.study import run
+    from fastcoil.study.file.spec import read_study
+
+    Path("small.toml").write_text(study_text(), encoding="utf-8")
+    run.shards_of = lambda *words: [part for shard in plan.shards_of(*words) for part in shard.halves()]
+
+    def stop(n):
+        raise KeyboardInterrupt
+
+    try:
+        run.execute(read_study(Path("small.toml")), Path("out"), n_jobs=1, progress=lambda n: stop)
+    except KeyboardInterrupt:
+        return [len(list(Path("out/shards").glob("*.nc"))), Path("out/results.nc").exists()]
+
+
+@step
+def resumed_study():
+    import fastcoil as fc
+    from fastcoil.study import maintenance
+
+    ds = fc.run_study("small.toml", "out", n_jobs=2)
+    traced = fc.open_study("out")
+    return [ds.attrs["content_sha256"], float(traced.T_sup.sum()), maintenance.verify(Path("out"))]
+
+
+def _other_words(title):
+    import fastcoil as fc
+
+    Path("small.toml").write_text(study_text(title), encoding="utf-8")
+    return fc.run_study("small.toml", "out", n_jobs=1).attrs["title"]
+
+
+@step
+def results_that_somebody_looks_at():
+    """They are replaced once the reader has closed them."""
+    reader = open("out/results.nc", "rb")  # noqa: SIM115
+    threading.Timer(0.5, reader.close).start()
+    begun = time.monotonic()
+    return [_other_words("Länge"), time.monotonic() - begun > 0.4]
+
+
+@step
+def results_that_stay_open():
+    import fastcoil as fc
+
+    with open("out/results.nc", "rb"):
+        try:
+            _other_words("Breite")
+        except fc.StorageError as error:
+            return str(error)
+
+
+@step
+def unknown_netcdf():
+    """A file without a recorded hash is read by another process, which is one of Windows as well."""
+    from fastcoil.loops import netcdf
+    from fastcoil.study.folder.results import open_results
+
+    probe = Path("probe.py").absolute()
+    probe.write_text(
+        "import json, runpy, sys\nsys.path[:] = json.loads(sys.argv[4])\nfrom helpers.windows import emulate\n"
+        f"emulate()\nrunpy.run_path({str(netcdf._READER)!r}, run_name='__main__')\nopen('probed', 'w').close()\n",
+        encoding="utf-8",
+    )
+    netcdf._READER = probe
+    data = Path("out/results.nc").read_bytes()
+    Path("copy.nc").write_bytes(data)
+    Path("damaged.nc").write_bytes(data[:5000])
+    found = [float(np.nansum(open_results(Path("copy.nc")).rmse)), Path("probed").exists()]
+    try:
+        open_results(Path("damaged.nc"))
+    except Exception as error:
+        return [*found, str(error)]
+
+
+@step
+def archived():
+    from fastcoil.study import maintenance
+    from fastcoil.study.archive import pack
+
+    path, _ = pack(Path("out"))
+    return maintenance.verify(path)
+
+
+@step
+def kernels_are_kept():
+    """In a folder whose mode says nothing there."""
+    from fastcoil.model.numerics.jit import fingerprint, is_compiled
+    from fastcoil.model.numerics.kernel_cache import kernel_folder
+
+    folder = kernel_folder(fingerprint())
+    mode = folder.stat().st_mode
+    os.chmod(folder, 0o777)
+    kernel_folder.cache_clear()
+    try:
+        return [kernel_folder(fingerprint()) == folder, is_compiled("emulate")]
+    finally:
+        os.chmod(folder, mode & 0o777)
+
+
+@step
+def machine():
+    from fastcoil.base import machine
+
+    machine.PROC = Path("none")
+    words = ["fastcoil", "run", "my study.toml", "-o", r"C:\results\a"]
+    return [machine.available_memory(), machine.command_line(words), len(machine.INTERRUPTS), machine.IS_POSIX]
+
+
+def main(folder):
+    """Take every step in a folder."""
+    from helpers.windows import emulate
+
+    os.chdir(folder)
+    emulate()
+    found = {}
+    for name, take in STEPS.items():
+        try:
+            with warnings.catch_warnings(record=True) as said:
+                found[name] = take()
+            found[f"{name}: warnings"] = [str(w.message) for w in said if "fastcoil" in w.filename]
+        except BaseException:
+            found[name] = traceback.format_exc()
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,108 @@
+"""A process as on Windows, as far as Linux can play it: what Windows lacks is taken away, what it refuses is refused.
+
+``python -m helpers.windows WORDS…`` is the command ``fastcoil`` there; ``emulate`` is called before fastcoil is
+imported.  Libraries are imported before, since they have their own code for Windows; so the compiler, HDF5 and the
+locks of filelock are those of Linux.
+"""
+
+import errno
+import os
+import shutil
+import signal
+import stat
+import sys
+import warnings
+from contextlib import suppress
+from importlib import import_module
+from types import SimpleNamespace
+
+LIBRARIES = (
+    "numba", "scipy.optimize", "scipy.signal", "scipy.stats", "xarray", "netCDF4", "filelock", "joblib", "click",
+    "pydantic", "rich.console", "rich.progress", "jinja2", "matplotlib.pyplot", "subprocess", "tempfile", "asyncio",
+    "multiprocessing", "zipfile", "logging.config", "getpass", "concurrent.futures.thread",
+)  # fmt: skip
+NO_MODULES = ("fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "posix_ipc", "syslog", "readline")
+NO_NAMES = (
+    "fork", "forkpty", "register_at_fork", "getuid", "geteuid", "getgid", "getegid", "getpgid", "setsid", "killpg",
+    "sysconf", "posix_fallocate", "sched_getaffinity", "mkfifo", "chown", "fchown", "chroot", "nice", "getloadavg",
+    "O_NONBLOCK", "O_DIRECTORY", "O_NOFOLLOW", "O_NOCTTY", "O_CLOEXEC", "O_SYNC", "O_DSYNC", "pread", "pwrite",
+)  # fmt: skip
+SIGNALS = {"SIGINT", "SIGTERM", "SIGABRT", "SIGFPE", "SIGILL", "SIGSEGV"}
+"""Those of Windows; SIG_DFL and SIG_IGN are no signals."""
+MEMORY = 3 * 2**30
+
+
+def emulate():
+    """Make this process one of Windows."""
+    for name in LIBRARIES:
+        import_module(name)
+    assert not [name for name in sys.modules if name.partition(".")[0] == "fastcoil"]
+    whole = SimpleNamespace(**vars(os))
+    for name, module in list(sys.modules.items()):
+        if name.startswith("filelock.") and getattr(module, "os", None) is os:
+            module.os = whole
+    for name in NO_MODULES:
+        sys.modules[name] = None
+    for name in NO_NAMES:
+        with suppress(AttributeError):
+            delattr(os, name)
+    for name in dir(signal):
+        if name.startswith("SIG") and not name.startswith("SIG_") and name not in SIGNALS:
+            delattr(signal, name)
+    shutil._use_fd_functions = False
+    _refuse()
+    sys.modules["ctypes"].windll = SimpleNamespace(kernel32=SimpleNamespace(GlobalMemoryStatusEx=_memory_status))
+    # a text file opened without an encoding would get that of the country
+    warnings.filterwarnings("error", category=EncodingWarning, module=r"fastcoil\.")
+
+
+def _memory_status(pointer):
+    status = pointer._obj
+    assert (len(status), status[0] & 0xFFFFFFFF) == (8, 64)
+    status[1], status[2] = 4 * MEMORY, MEMORY
+    return 1
+
+
+def _refuse():
+    """No folder is opened or flushed, and no open file is replaced, renamed or removed."""
+    opened, synced = os.open, os.fsync
+
+    def open_(path, flags, mode=0o777, **options):
+        if os.path.isdir(path):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return opened(path, flags, mode, **options)
+
+    def fsync(descriptor):
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EBADF, "Bad file descriptor")
+        synced(descriptor)
+
+    def closed(change, n_paths):
+        def checked(*arguments, **options):
+            for path in arguments[:n_paths]:
+                if is_open(path):
+                    raise PermissionError(errno.EACCES, "Access is denied", str(path))
+            return change(*arguments, **options)
+
+        return checked
+
+    os.open, os.fsync = open_, fsync
+    for name, n_paths in (("replace", 2), ("rename", 2), ("unlink", 1), ("remove", 1)):
+        setattr(os, name, closed(getattr(os, name), n_paths))
+
+
+def is_open(path):
+    """Whether this process has a file open, by whatever library."""
+    path, found = os.path.realpath(path), set()
+    for name in os.listdir("/proc/self/fd"):
+        with suppress(OSError):
+            found.add(os.readlink(f"/proc/self/fd/{name}"))
+    return path in found
+
+
+if __name__ == "__main__":
+    emulate()
+    from fastcoil.__main__ import run
+
+    sys.argv = ["fastcoil", *sys.argv[1:]]
+    run()
