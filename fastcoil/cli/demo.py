@@ -70,7 +70,7 @@ def _log() -> str:
 
     day = paper_day(hours=6, seed=2)
     loop = Loop.preset("lbnl").assign(**_LOOP, noise_std=0.01)
-    ds = simulate(loop, day, traces=["command", "T_measured"], trace_interval=10)
+    ds = simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
     T_set = day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time)
     rows = zip(ds.elapsed_time.values, ds.command.values, ds.T_measured.values, T_set.values, strict=True)
     lines = [f"{t:.0f},{command:.3f},{T_sup:.3f},{wanted:.3f}" for t, command, T_sup, wanted in rows]

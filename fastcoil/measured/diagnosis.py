@@ -243,7 +243,7 @@ def _predicted(d: Diagnosis, cases: Sequence[str]) -> list[str]:
         one = d.predictions.sel(case=case)
         stops = ", no hunting" if hunting > float(one["hunts"]) else ""
         answer = (
-            f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem turns "
+            f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem reverses "
             f"{float(one['reversals_per_day']):.0f} times a day{stops}"
         )
         lines.append(

@@ -139,16 +139,16 @@ METRICS: dict[str, Output] = {
 PREDICTIONS: dict[str, Output] = {
     p.name: p
     for p in (
-        Output("predicted_margin", "1", "foretold margin of the loop",
+        Output("predicted_margin", "1", "predicted margin of the loop",
                "largest |L| |N| of the describing function, from about 0.85 on a gap keeps the loop swinging",
-               label="foretold margin"),
-        Output("predicted_hunts", "1", "whether the loop is foretold to hunt",
-               "to be compared with hunts; NaN where theory says nothing", label="share foretold to hunt"),
-        Output("predicted_period", "s", "foretold period of the hunting",
-               "NaN where the loop is not foretold to hunt", label="foretold period"),
-        Output("predicted_swing", "K", "foretold peak-to-peak supply temperature",
-               "to be compared with hunting_swing; NaN where the loop is not foretold to hunt",
-               difference=True, label="foretold swing, peak to peak"),
+               label="predicted margin"),
+        Output("predicted_hunts", "1", "whether the loop is predicted to hunt",
+               "to be compared with hunts; NaN where theory says nothing", label="share predicted to hunt"),
+        Output("predicted_period", "s", "predicted period of the hunting",
+               "NaN where the loop is not predicted to hunt", label="predicted period"),
+        Output("predicted_swing", "K", "predicted peak-to-peak supply temperature",
+               "to be compared with hunting_swing; NaN where the loop is not predicted to hunt",
+               difference=True, label="predicted swing, peak to peak"),
     )
 }
 """What ``[run] predict`` adds to a study: from theory, with the mean conditions of each day, without noise."""

@@ -1,6 +1,6 @@
 """README and the pages of ``docs/``: what they show runs, and their commands, links and file names lead somewhere."""
 
-import os
+import ast
 import re
 import shlex
 import sys
@@ -74,9 +74,6 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MPLBACKEND", "agg")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "mine", raising=False)
-    if not os.environ.get("FASTCOIL_FULL"):  # clean logs are fitted as well from fewer starts
-        monkeypatch.setattr("fastcoil.measured.coil_problem._N_STARTS", 64)
-        monkeypatch.setattr("fastcoil.measured.least_squares._REFINED", 2)
     names, printed = {"__name__": page.stem}, ""
     for kind, text in blocks(page):
         if kind == "python":
@@ -97,6 +94,14 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
         elif kind == "text":
             lines = printed.splitlines()
             assert all(any(says(line, shown) for line in lines) for shown in text.splitlines() if shown != "…"), printed
+
+
+def test_the_readme_shows_the_script_of_the_first_look():
+    script = (ROOT / "studies" / "first_look" / "first_look.py").read_text()
+    docstring = ast.parse(script).body[0]
+    code = "\n".join(script.splitlines()[docstring.end_lineno :]).strip()
+    _, shown = blocks(ROOT / "README.md", "python")[0]
+    assert shown.strip() == code
 
 
 def test_the_readme_shows_what_the_page_on_diagnosis_prints():

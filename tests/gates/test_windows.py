@@ -74,7 +74,7 @@ def test_a_file_without_a_recorded_hash_is_probed_there_and_an_archive_is_sound(
     total, probed, refused = day["unknown_netcdf"]
     assert total > 0.0
     assert probed
-    assert "damaged.nc is no NetCDF file, or it is damaged" in refused
+    assert "damaged.nc holds no result of fastcoil, or it is damaged" in refused
     assert day["archived"] == []
 
 

@@ -83,7 +83,7 @@ def interrupted_study():
         raise KeyboardInterrupt
 
     try:
-        run.execute(read_study(Path("small.toml")), Path("out"), n_jobs=1, progress=lambda n: stop)
+        run.execute(read_study(Path("small.toml")), Path("out"), n_jobs=1, progress=lambda *_: stop)
     except KeyboardInterrupt:
         return [len(list(Path("out/shards").glob("*.nc"))), Path("out/results.nc").exists()]
 

@@ -114,7 +114,7 @@ def test_a_folder_is_the_one_it_was_when_the_run_began(study, tmp_path, monkeypa
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path)
 
-    def move(_):  # as a reduction in another thread may
+    def move(*_):  # as a reduction in another thread may
         os.chdir(tmp_path / "elsewhere")
         return lambda _: None
 

@@ -161,6 +161,7 @@ def are_numbers(values: object, count: int) -> bool:
 
 _CURES = {
     "int": "give a whole number",
+    "float": "give a number",
     "string": "give a text in quotes",
     "bool": "give true or false",
     "too_long": f"give at most {_MOST_TRACES}, each once",

@@ -44,7 +44,7 @@ def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence(small_study, go
 
         start = time.monotonic()
         with monkeypatch.context() as patch:
-            patch.setattr("fastcoil.base.progress.Shown.start", lambda _, n, before=0: kill_later(n))
+            patch.setattr("fastcoil.base.progress.Shown.start", lambda _, n, *__: kill_later(n))
             failing_shards.harms(patch, failing_shards.works_slowly, range(128, 160))
             result = CliRunner().invoke(main, [*words, "--scheduler", found.address, "--no-figures"])
         assert time.monotonic() - start < 60
