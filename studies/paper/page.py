@@ -111,7 +111,7 @@ def _share(value: float | None, limits: tuple[float, float] | None) -> str:
 
 def _figures(folder: Path, *, quick: bool) -> list[Block]:
     return [
-        Picture((folder / f"{name}.png").read_bytes(), caption, caption.partition(".")[0])
+        Picture((folder / f"{name}.png").read_bytes(), caption, caption.partition(".")[0], f"{name}.png")
         for name, caption in captions(quick=quick).items()
     ]
 

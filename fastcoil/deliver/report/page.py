@@ -122,11 +122,12 @@ def facts(*pairs: tuple[str, str]) -> Table:
 
 
 class Picture(NamedTuple):
-    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it."""
+    """A PNG; what its dots, lines and bands mean; ``alt``: a few words for who cannot see it; file: where it lies."""
 
     png: bytes
     caption: str
     alt: str
+    file: str = ""
 
     @property
     def source(self) -> str:
