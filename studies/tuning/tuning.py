@@ -95,7 +95,7 @@ def rivals(case: Case, pi: Tuning, inverse: Tuning) -> tuple[dict[str, xr.Datase
     best = best_gains(fc.Loop.preset(case.preset).assign(noise_std=NOISE, backlash=0.07), case.kinds)
     loops = {
         OWN: fresh,
-        SIMC: fresh.assign(**{name: ("sample", values) for name, values in simc.items()}),
+        SIMC: fresh.assign(**simc),
         BEST: fresh.assign(kp=float(best.kp), ti=float(best.ti)),
         PI: fresh.assign(**pi.parameters),
         INVERSE: fresh.assign(estimate_ratio=RATIO, **inverse.parameters),
