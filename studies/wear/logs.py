@@ -17,7 +17,7 @@ import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.measured.diagnose import WANTED, identified
 from fastcoil.measured.grid import in_a_row, on_grid
-from studies.common import compare_rows, progress, share_of, write_table
+from studies.common import progress, share_of, write_table
 from studies.days import CONSTANT, STEPPED
 from studies.diagnosis.claims import dataset
 from studies.remedies.runs import picked
@@ -156,12 +156,6 @@ def row(of: dict[str, Readings], way: str) -> list[str]:
 
 def _share(holds: xr.DataArray, among: xr.DataArray) -> str:
     return f"{share_of(holds & among, among)}"
-
-
-def sample() -> None:
-    """Days with a constant set-point."""
-    found = {name: readings(sequence) for name, sequence in sequences()[CONSTANT].items()}
-    compare_rows("wear/wear_logs", [[CONSTANT, way, *row(found, way)] for way in (LOGS, TESTS)])
 
 
 def main(size: int = VALVES) -> None:
