@@ -7,6 +7,7 @@ whether it hunts, and of what.  ``fc.diagnose`` sees the log of the first simula
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -155,15 +156,15 @@ def of_logs(flags: list[bool]) -> str:
     return share(xr.DataArray([flags], dims=("day", "sample")).astype(float)) if flags else "none"
 
 
-def counted(kind: str, found: list[Answer]) -> list[list[str]]:
-    """A row for each true cause on a kind of day."""
-    of = {true: [one.said for one in found if one.true == true] for true in CAUSES}
+def counted(kind: str, answered: Sequence[tuple[str, str]]) -> list[list[str]]:
+    """A row for each true cause on a kind of day, from pairs of truth and answer."""
+    of = {true: [said for truth, said in answered if truth == true] for true in CAUSES}
     return [[kind, true, f"{len(said)}", *(f"{said.count(a)}" for a in ANSWERS)] for true, said in of.items() if said]
 
 
 def sample() -> None:
     """The first kind of day."""
-    compare_rows("diagnosis/diagnosis_cause", counted(KINDS[0], answers(KINDS[0])))
+    compare_rows("diagnosis/diagnosis_cause", counted(KINDS[0], [(one.true, one.said) for one in answers(KINDS[0])]))
 
 
 def main() -> None:
@@ -172,7 +173,7 @@ def main() -> None:
     rows = []
     for kind, found in zip(KINDS, Parallel(n_jobs=-1)(delayed(answers)(kind) for kind in KINDS), strict=True):
         everything += found
-        rows += counted(kind, found)
+        rows += counted(kind, [(one.true, one.said) for one in found])
     write_table(
         "diagnosis/diagnosis_cause",
         f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; answers by truth",

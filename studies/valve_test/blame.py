@@ -12,7 +12,7 @@ from joblib import Parallel, delayed
 import fastcoil as fc
 from studies.common import compare_rows, write_table
 from studies.days import CONSTANT, DESIGN
-from studies.diagnosis.cause import ANSWERS, CAUSES, SWINGING, logs, of_logs
+from studies.diagnosis.cause import ANSWERS, CAUSES, SWINGING, counted, logs, of_logs
 
 SEED, VALVES, DAY = 9651, 256, 96511
 KINDS = (CONSTANT, DESIGN, SWINGING)
@@ -43,15 +43,9 @@ def answers(kind: str, seed: int = SEED, n: int = VALVES, day_seed: int = DAY) -
     return found
 
 
-def counted(kind: str, found: list[Answer]) -> list[list[str]]:
-    """A row for each true cause on a kind of day."""
-    of = {true: [one.tested for one in found if one.true == true] for true in CAUSES}
-    return [[kind, true, f"{len(said)}", *(f"{said.count(a)}" for a in ANSWERS)] for true, said in of.items() if said]
-
-
 def sample() -> None:
     """The first kind of day."""
-    compare_rows("valve_test/blame", counted(KINDS[0], answers(KINDS[0])))
+    compare_rows("valve_test/blame", counted(KINDS[0], [(one.true, one.tested) for one in answers(KINDS[0])]))
 
 
 def main() -> None:
@@ -60,7 +54,7 @@ def main() -> None:
     everything = [one for found in of_kinds for one in found]
     rows = []
     for kind, found in zip(KINDS, of_kinds, strict=True):
-        rows += counted(kind, found)
+        rows += counted(kind, [(one.true, one.tested) for one in found])
     title = f"Why loops swing, after a test: {VALVES} valves on a day of each kind; answers by truth"
     write_table("valve_test/blame", title, ["day", "truth", "loops", *ANSWERS], rows)  # fmt: skip
     summary = []

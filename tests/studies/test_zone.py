@@ -37,7 +37,7 @@ def test_the_fan_takes_its_rated_power_at_its_greatest_flow_and_far_less_at_half
 def test_the_demand_is_the_largest_mean_of_a_quarter_of_an_hour():
     n = zone.WARM_UP + 3 * zone.QUARTER
     power = np.zeros((1, n))
-    power[0, zone.WARM_UP + zone.QUARTER : zone.WARM_UP + 2 * zone.QUARTER] = zone.COP
+    power[0, zone.WARM_UP + zone.QUARTER : zone.WARM_UP + 3 * zone.QUARTER // 2] = 2.0 * zone.COP
     still = zone.Rooms(np.ones((1, n)), np.full((1, n), 2.0))
     coil = zone.Coil(np.full((1, n), 14.0), np.full((1, n), 0.5), power, np.zeros(1))
     found = zone.sums(still, coil, np.ones((1, n)))
