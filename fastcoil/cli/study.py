@@ -163,7 +163,12 @@ def rerun(folder: Path, at: Sequence[str]) -> None:
 @click.option("--from", "name", metavar="NAME", help="Start from an example study.")
 @click.option("--list", "only_list", is_flag=True, help="List the example studies; write nothing.")
 def init(study: Path | None, name: str | None, only_list: bool) -> None:
-    """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME."""
+    """Write a commented STUDY file to start from: study.toml by default, NAME.toml with --from NAME.
+
+    Its first line names fastcoil.schema.json, written beside it, with which editors complete and check it.
+    """
+    from fastcoil.study.file.schema import DIRECTIVE, SCHEMA, schema_text
+
     if only_list:
         for each, text in shipped_studies().items():
             say(f"{each:<20}{tomllib.loads(text)['title']}")
@@ -174,7 +179,8 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     path, text = study or Path(f"{name}.toml"), texts[name]
     if exists(path):
         raise InputError(f"{path} exists: choose another name, or delete it")
-    commit(path, text.encode())
+    commit(path.with_name(SCHEMA), schema_text().encode())
+    commit(path, (DIRECTIVE + text).encode())
     then = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
     say(f"{path} written.  Edit it, then: {then}")
     # the script that does what `fastcoil run` does not

@@ -54,7 +54,8 @@ def status(folder: Path) -> list[str]:
         return ["Nothing is finished yet.", *running]
     found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
     n, left, precision = ds["status"].size, found["not_run"], precision_of(ds)
-    unfinished = left or (precision is not None and not precision.is_enough(ds))
+    merged = "content_sha256" in ds.attrs
+    unfinished = left or not merged or (precision is not None and not precision.is_enough(ds))
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
     lines = [
         str(ds.attrs["title"]),

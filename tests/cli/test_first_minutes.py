@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from click.shell_completion import BashComplete
 from helpers.commands import fastcoil
 
 import fastcoil as package
@@ -73,3 +74,9 @@ def test_nothing_that_is_installed_speaks_of_make_or_the_environment_of_the_repo
         # what only the repository has is said to be there
         analysis = [line for line in text.splitlines() if line.startswith("# Analysis: ")]
         assert all("in the source repository" in line for line in analysis), name
+
+
+def test_the_shell_completes_commands_and_options():
+    complete = BashComplete(main, {}, "fastcoil", "_FASTCOIL_COMPLETE").get_completions
+    assert {item.value for item in complete([], "ex")} == {"explain", "explore", "export"}
+    assert [item.value for item in complete(["run"], "--back")] == ["--backend"]

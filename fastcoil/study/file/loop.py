@@ -66,7 +66,7 @@ def _read_parameters(path: Path, name: str) -> dict[str, Any]:
 
 LONGEST_AXIS = 1_000_000  # values; more take minutes to label, and a design that large is drawn with [sample]
 _MOST_DIMS = 32
-_SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
+SPACINGS: dict[str, Callable[..., Any]] = {"linspace": np.linspace, "geomspace": np.geomspace}
 
 
 def build_loop(
@@ -176,7 +176,7 @@ def axis_values(name: str, axis: object) -> list[Any]:
         return axis
     spaced: dict[str, Any] = axis if isinstance(axis, dict) and len(axis) == 1 else {"": None}
     ((kind, spacing),) = spaced.items()
-    if kind not in _SPACINGS:
+    if kind not in SPACINGS:
         kinds = "{ linspace = [first, last, count] } or { geomspace = [first, last, count] }"
         raise InputError(f"{name} = {shown(axis)}: give a list of values, {kinds}")
     if not are_numbers(spacing, 3) or type(spacing[2]) is not int or not 1 <= spacing[2] <= LONGEST_AXIS:
@@ -187,7 +187,7 @@ def axis_values(name: str, axis: object) -> list[Any]:
     first, last, count = spacing
     if kind == "geomspace" and min(first, last) <= 0.0:
         raise InputError(f"{name} = {{ geomspace = {shown(spacing)} }}: first and last must be above 0")
-    return list(_SPACINGS[kind](float(first), float(last), count).tolist())
+    return list(SPACINGS[kind](float(first), float(last), count).tolist())
 
 
 def _zip_cases(
