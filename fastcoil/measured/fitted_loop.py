@@ -9,6 +9,7 @@ answers for a measured temperature, with noise, drift and gaps.
 """
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, 
 from fastcoil.measured.grid import held
 from fastcoil.measured.identify import HORIZON
 from fastcoil.measured.part import runs
-from fastcoil.model.metric_table import HUNTING_PERIODS, HUNTING_SAMPLE, HUNTING_SWING, SETTLING_TIME, WARM_UP
+from fastcoil.model.metric_table import HUNTING_SAMPLE, SETTLING_TIME, WARM_UP, alike, is_hunting
 
 BUFFER = 1e-9  # least buffer of the inverse, so that round-off is no reversal
 
@@ -188,7 +189,7 @@ def outcome_of(played: Played, day: Day, step: float) -> Outcome:
     swing = float(np.mean([np.ptp(played.temperature[w]) for w in windows])) if windows else math.nan
     every = max(1, round(HUNTING_SAMPLE / step))
     periods = np.concatenate([np.zeros(0), *(np.diff(_upward(error[w][::every])) * every * step for w in windows)])
-    alike = np.sum(5.0 * np.abs(np.diff(periods)) <= np.maximum(periods[1:], periods[:-1]))
+    n_alike = sum(alike(period, before) for before, period in pairwise(periods))
     crossings = sum(_upward(error[w]).size for w in windows)
     days = max(int(counted.sum()), 1) * step / DAY
     both = counted[1:] & counted[:-1]
@@ -199,7 +200,7 @@ def outcome_of(played: Played, day: Day, step: float) -> Outcome:
         period=float(settled.sum()) * step / crossings if crossings >= 2 else math.nan,
         travel_per_day=float(np.sum(np.abs(np.diff(played.position))[both])) / days,
         reversals_per_day=float(np.sum(np.diff(turns) != 0.0)) / days,
-        hunts=bool(swing > HUNTING_SWING and periods.size >= HUNTING_PERIODS and 3 * alike >= 2 * periods.size),
+        hunts=bool(is_hunting(swing, periods.size, n_alike)),
     )
 
 

@@ -34,6 +34,18 @@ HUNTING_PERIODS = 10
 """Least number of whole periods that a loop must show before it counts as hunting."""
 
 
+def alike(period: float, before: float) -> bool:
+    """Whether two periods, s, are equally long to 20 % of the longer one."""
+    longer = period if period > before else before
+    return 5.0 * abs(period - before) <= longer
+
+
+def is_hunting(swing: float, periods: float, n_alike: float) -> bool:
+    """The rule of ``hunts``: by the swing, K, the number of whole periods, and how many are like the one before."""
+    # & in place of `and`, which would branch in a kernel
+    return (swing > HUNTING_SWING) & (periods >= HUNTING_PERIODS) & (3.0 * n_alike >= 2.0 * periods)
+
+
 @dataclass(frozen=True, slots=True)
 class Output:
     """One result variable.

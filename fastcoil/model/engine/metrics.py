@@ -12,9 +12,7 @@ import numpy as np
 from fastcoil.model.engine.rows import LANES, T_A, T_C, T_W, VOLUME_STRIDE, W_A, R, positions
 from fastcoil.model.metric_table import (
     ESTIMATE_WINDOW,
-    HUNTING_PERIODS,
     HUNTING_SAMPLE,
-    HUNTING_SWING,
     METRICS,
     OFF,
     PEAK_BLOCK,
@@ -24,10 +22,13 @@ from fastcoil.model.metric_table import (
     STATUS_OK,
     STATUS_OUT_OF_RANGE,
     SWITCH_BLOCK,
+    alike,
+    is_hunting,
 )
 from fastcoil.model.numerics.jit import scalar, section
 from fastcoil.model.physics import NO_FLOW, frost_pressure, humidity_ratio
 
+alike, is_hunting = scalar(alike), scalar(is_hunting)
 COUNTED = 1
 SETTLED = 2
 WINDOW_STARTS = 4
@@ -141,13 +142,6 @@ def account_travel(S, j, d_opening, d_position):
     turn = 1.0 if d_opening > 0.0 else -1.0
     S[R.reversals + j] += 1.0 if moved and turn * S[R.last_turn + j] < 0.0 else 0.0
     S[R.last_turn + j] = turn if moved else S[R.last_turn + j]
-
-
-@scalar
-def alike(period, before):
-    """Whether two periods, s, are equally long to 20 % of the longer one."""
-    longer = period if period > before else before
-    return 5.0 * abs(period - before) <= longer
 
 
 @section
@@ -279,8 +273,7 @@ def summarise(S, V, n_volumes, schedule, metrics, status):
         m[M.share_off] = S[R.off + j] / seconds
         m[M.hunting_swing] = S[R.sum_swing + j] / schedule.n_windows
         m[M.hunting_period] = settled / S[R.crossings + j] if S[R.crossings + j] >= 2.0 else np.nan
-        swings = m[M.hunting_swing] > HUNTING_SWING
-        hunts = swings and S[R.periods + j] >= HUNTING_PERIODS and 3.0 * S[R.alike + j] >= 2.0 * S[R.periods + j]
+        hunts = is_hunting(m[M.hunting_swing], S[R.periods + j], S[R.alike + j])
         m[M.hunts] = np.nan if schedule.n_windows == 0 else (1.0 if hunts else 0.0)
         m[M.switch_frequency] = S[R.sum_switches + j] / blocks
         m[M.stem_travel] = S[R.stem_travel + j]
