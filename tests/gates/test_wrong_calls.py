@@ -44,7 +44,7 @@ HOSTILE = {
     "dict with other keys": {None: 1, 2: "b"}, "dict of arrays": {"a": np.array([1.0, 2.0])}, "Path": Path("x"),
     "large range": range(10**9), "object": object(), "function": lambda: None, "module": math,
     "empty array": np.empty(0), "3-d array": np.ones((2, 2, 2)), "array of objects": np.array([object(), None]),
-    "array of text": np.array(["a", "b"]), "NaT": np.datetime64("NaT"), "timedelta64": np.timedelta64(1, "s"),
+    "array of text": np.array(["a", "b"]), "NaT": np.datetime64("NaT", "s"), "timedelta64": np.timedelta64(1, "s"),
     "array of datetime64": np.array(["2024-07-01", "NaT"], dtype="M8[s]"), "datetime": datetime.datetime(2024, 7, 1),
     "masked array": np.ma.array([1.0, 2.0], mask=[True, False]), "pd.NA": pd.NA,
     "DataFrame": pd.DataFrame({"a": [1.0]}),

@@ -23,6 +23,7 @@ from fastcoil.model.numerics.jit import JIT_ENABLED, exact
 
 _AS_IT_IS = (math, np, int, float, bool, abs, min, max, round, range, len)
 """What a function may use besides its own: nobody changes the attributes of the modules."""
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _HEADING = ("Failed in ", "During: ")
 _LEAST, _MOST = -(2**63), 2**64 - 1  # whole numbers of the machine
 _LONGEST_TABLE = 256  # numbers of a tuple: to compile 1000 takes a minute
@@ -175,7 +176,7 @@ def _size(constant: Any) -> int:
 
 def _place_and_reason(error: Exception) -> str:
     """The useful line of the compiler's message, and the line of the rule that it is about, if it says one."""
-    text = str(error)
+    text = _COLOUR.sub("", str(error))  # written where colorama is installed
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith(_HEADING)]
     place = re.findall(r'[("]([^"\n(]+?)"?,? (?:line |\()(\d+)[):]', text)
     where = f", line {place[-1][1]} of {Path(place[-1][0]).name}" if place else ""

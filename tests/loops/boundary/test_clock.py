@@ -87,7 +87,7 @@ def test_a_change_of_clocks_is_found(start, changed):
     ("options", "words"),
     [
         ({"start": "yesterday"}, ["start = 'yesterday'", "2024-07-01T08:00"]),
-        ({"start": np.datetime64("NaT")}, ["start = ", "date and time"]),
+        ({"start": np.datetime64("NaT", "s")}, ["start = ", "date and time"]),
         ({"start": [["2024-01-01"], ["2024-01-01", "2024-01-02"]], "day": [1, 2]}, ["start = ['2024-01-01']"]),
         ({"start": "1066-10-14"}, ["'1066-10-14'", "1700 to 2200"]),
         ({"start": ["2024-01-01"] * 2, "day": [1, 2, 3]}, ["2 times for 3 days"]),

@@ -7,6 +7,7 @@ import pytest
 from helpers.rules import Memory, Parameters, declared, fine
 
 import fastcoil as fc
+from fastcoil.model.numerics.compile_user_function import _place_and_reason
 
 ARRAY = np.array([0.1, 0.2, 0.4])
 TUPLE = (0.1, 0.2, 0.4)
@@ -160,3 +161,8 @@ def test_a_parameter_that_is_none():
     ):
         with pytest.raises(fc.InputError, match=sentence):
             fc.parameter(**given)
+
+
+def test_the_reason_has_no_colours_where_colorama_is_installed():
+    error = Exception("Failed in nopython mode\n\x1b[1mUnknown attribute\x1b[0m 'e'\nFile \"mine.py\", line 3:")
+    assert _place_and_reason(error) == ", line 3 of mine.py: Unknown attribute 'e'"
