@@ -102,7 +102,7 @@ def archive(folder: Path, out: Path | None) -> None:
 @click.command()
 @click.argument("path", type=PATH)
 @click.option("--language", help="Controller as c, st, python, fmu or plcopen.  [default: by -o, else c]")
-@click.option("--test", "has_test", is_flag=True, help="Give the controller a valve test, by its input start_test.")
+@click.option("--test", "has_test", is_flag=True, help="Include a valve test, which the input start_test starts.")
 @click.option("--csv", is_flag=True, help="A row for each scenario-day.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")

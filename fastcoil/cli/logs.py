@@ -34,7 +34,7 @@ _TIME_FORMAT = "Format of the timestamps: '%d/%m/%Y %H:%M', excel or epoch; reco
 with_reading_options = options(
     click.option("--drop", is_flag=True, help="Drop bad values and count them, or bridge a single one."),
     click.option("--jumps", default="refuse", show_default=True,
-                 help="If time runs backwards: refuse, or split there."),
+                 help="Where time runs backwards: refuse the file, or split it there."),
     click.option("--max-gap", type=float, help="Longest gap to bridge, s; three median steps by default."),
     click.option("--time-format", metavar="PATTERN", help=_TIME_FORMAT),
     click.option("--unit", "units", multiple=True, callback=_as_pairs, metavar="NAME=UNIT",
@@ -66,7 +66,7 @@ def require_writable(out: Path) -> None:
 @click.option("--fail", is_flag=True, help="Exit code 1 if a valve hunts or has a gap of more than 1 %.")
 @click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
-@click.option("--lag", type=float, help="Seconds by which T_sup is logged late beside the command; found by default.")
+@click.option("--lag", type=float, help="Seconds by which T_sup is logged later than the command; estimated by default.")
 @click.option("--kp", type=float, help="Gain of the controller, 1/K, with --ti; found by default.")
 @click.option("--ti", type=float, help="Integral time of the controller, s, with --kp; found by default.")
 def diagnose(
@@ -136,7 +136,7 @@ def valve_test() -> None:
 @click.option("--excursion", type=float, help="Error at which to stop, K.")
 @click.option("--rate", type=float, help="Rate of the first ramp, strokes per second.")
 @click.option("--threshold", type=float, help="Error at which a ramp ends, K.")
-@click.option("--settle", type=float, help="Wait before the first ramp, s; with 900 it tells outside swings apart.")
+@click.option("--settle", type=float, help="Wait before the first ramp, s; with 900 it also finds swings from outside.")
 @click.option("--hold", type=float, help="Wait after each ramp, s.")
 def plan_test(gentle: bool, heating: bool, **given: float | None) -> None:
     """Print what a technician does with a stop-watch."""

@@ -1,4 +1,4 @@
-"""The house rules: rooms in layers, no circles, one file that names the compiler's flags, docstrings."""
+"""The house rules: subpackages in layers, no circles, one file that names the compiler's flags, docstrings."""
 
 import ast
 import subprocess
@@ -13,7 +13,7 @@ from fastcoil.model.numerics.jit import FLAGS
 PACKAGE = Path(fastcoil.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = ["base", "model", "logs", "loops", "design", "measured", "study", "deliver", "cli", "__main__", "__init__"]
-"""A room imports from itself and from those before it."""
+"""A subpackage imports from itself and from those before it."""
 INSIDE_MODEL = [
     ["parameter_table", "metric_table", "moist_air"],
     ["numerics"], ["physics", "control"], ["estimators"], ["valve_test"], ["engine"], ["user_rules"],

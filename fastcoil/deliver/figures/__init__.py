@@ -1,4 +1,4 @@
-"""Figures of results.  ``fc.plot`` is this room: ``traces``, ``map``, ``bands``, ``limit_cycle``, ``learning``.
+"""Figures of results.  ``fc.plot`` is this package: ``traces``, ``map``, ``bands``, ``limit_cycle``, ``learning``.
 
 These draw into one pair of axes, ``ax`` or those of a new figure as wide as a column of a journal, and return it.
 ``drawing`` has what all figures draw with; ``traces`` shows few scenarios over time, ``swept`` metrics over swept
