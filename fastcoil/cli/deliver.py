@@ -86,16 +86,17 @@ def cite(folder: Path | None, as_bibtex: bool) -> None:
 def archive(folder: Path, out: Path | None) -> None:
     """Pack the finished study in FOLDER into one file that `fastcoil verify` checks on any machine.
 
-    It contains the study file, results and traces, the environment that made them, all hashes, and every file that the
+    It contains the study file, results and traces, the environment that made them, hashes, and every file that the
     study reads: weather, logs, fitted parameters, its own code.  Check the list before you share it.
     """
-    from fastcoil.study.archive import INPUTS, pack
+    from fastcoil.study.archive import pack
 
-    written, listing = pack(folder, out)
-    size = sum(entry.bytes for entry in listing.files.values())
-    say(f"Archive: {written} ({size / 1e6:,.1f} MB), content_sha256 {listing.content_sha256}")
-    say(*(f"Input:   {name}" for name in listing.files if name.startswith(f"{INPUTS}/")))
-    for path, member in listing.elsewhere.items():
+    written = pack(folder, out)
+    say(
+        f"Archive: {written.path} ({written.path.stat().st_size / 1e6:,.1f} MB), content_sha256 {written.content_sha256}"
+    )
+    say(*(f"Input:   {name}" for name in written.inputs))
+    for path, member in written.elsewhere.items():
         say(f"Note:    the study reads {path}, which other machines do not have; packed as {member}", err=True)
 
 

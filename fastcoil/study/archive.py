@@ -1,27 +1,24 @@
-"""A finished study in one file: study, results, inputs, environment and hashes; and what is wrong with such a file.
+"""A finished study in one file: its folder and the files that the study reads; and what is wrong with such a file.
 
 An archive is a plain ZIP file with the same bytes for the same results; nothing in it is compressed, since large
-variables already are in their NetCDF files.  ``archive.json`` lists every member with its SHA-256.  Nothing in an
-archive is trusted: names and hashes are checked before it is unpacked, into a temporary folder, and nothing of it is
-run.
+variables already are in their NetCDF files.  ``run.json`` has the hashes of the results and of the study, and thereby
+of what it reads.  An archive is checked unpacked, in a temporary folder, and nothing of it is run.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import posixpath
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import xarray as xr
-from pydantic import TypeAdapter
 
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError, shown
 from fastcoil.base.files import commit_written, exists, require_file, storage_errors
@@ -31,60 +28,16 @@ from fastcoil.study.file.sample import files_of
 from fastcoil.study.file.spec import Study
 from fastcoil.study.folder.folder import STUDY, StudyFolder
 from fastcoil.study.folder.results import open_finished, problems_of_folder, problems_of_results
-from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, checksum
+from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest
 
-LISTING, README = "archive.json", "README.txt"
+README = "README.txt"
 INPUTS, HERE = "inputs", "."
 """Folder of the files that the study reads, and where its paths start if it reads none."""
-_KIND, _FORMAT, _CHECKSUM = "fastcoil archive", 1, "sha256"
-_TEXTS = "fastcoil_version", "python_version", "platform", "model_sha256", "date_created"
-_TABLES = "package_versions", "computed_on"
+_ELSEWHERE = f"{INPUTS}/elsewhere"
 _LONGEST_NAME, _MOST_PARTS = 200, 30  # bytes of a part of a path; parts of a path
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first moment that a ZIP file can record
 _REGULAR = 0o100644 << 16
 _BLOCK = 2**20  # bytes
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A file: how many bytes, and their SHA-256."""
-
-    bytes: int
-    sha256: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Listing:
-    """What an archive holds, as ``archive.json`` lists it.
-
-    files: by path in the folder of the study, ``archive.json`` itself left out.  elsewhere: files that the study reads
-    by a path that leads nowhere on another machine → the member that has their bytes.  made_with: versions and machine.
-    """
-
-    kind: str = _KIND
-    format: int = _FORMAT
-    content_sha256: str
-    made_with: Mapping[str, Any]
-    elsewhere: Mapping[str, str]
-    files: Mapping[str, Entry]
-
-    @property
-    def data(self) -> bytes:
-        content = asdict(self)
-        return (json.dumps({**content, _CHECKSUM: checksum(content)}, indent=1, ensure_ascii=False) + "\n").encode()
-
-    @classmethod
-    def parse(cls, data: bytes) -> Listing:
-        """Read the content of ``archive.json``; raises ValueError, in words, where it is none."""
-        try:
-            found = json.loads(data)
-            damaged = found.pop(_CHECKSUM) != checksum(found)
-            listing = TypeAdapter(cls).validate_python(found)
-        except (KeyError, TypeError, AttributeError, RecursionError, ValueError):
-            raise ValueError(f"its {LISTING} is damaged (it is no list of an archive)") from None
-        if damaged or (listing.kind, listing.format) != (_KIND, _FORMAT):
-            raise ValueError(f"its {LISTING} is damaged (its checksum differs), or of another version of fastcoil")
-        return listing
 
 
 def is_safe(name: str) -> bool:
@@ -107,7 +60,7 @@ def inputs_of(study: Study) -> tuple[str, dict[str, Path], dict[str, str]]:
     absolute path is part of the study and leads nowhere on another machine: its file is packed, and the README says
     where it must be.
 
-    Returns the folder where paths of the study start, its files by member, and as ``Listing.elsewhere``.
+    Returns the folder where paths of the study start, its files by member, and absolute path → member.
     """
     named = list(_named_files(study))
     if not named:
@@ -119,7 +72,7 @@ def inputs_of(study: Study) -> tuple[str, dict[str, Path], dict[str, str]]:
         member = posixpath.normpath(f"{base}/{name}")
         if _steps_up(name) is None:
             folders = ("", *(f"{k}/" for k in range(2, len(named) + 2)))
-            places = (f"{INPUTS}/elsewhere/{folder}{path.name}" for folder in folders)
+            places = (f"{_ELSEWHERE}/{folder}{path.name}" for folder in folders)
             member = elsewhere[name] = next(place for place in places if files.get(place, path) == path)
         if not is_safe(member):
             raise InputError(f"{shown(name)}: this name cannot be unpacked everywhere, rename the file and run again")
@@ -146,10 +99,21 @@ def _steps_up(name: str) -> int | None:
     return None if os.path.isabs(name) or ".." in parts[up:] else up
 
 
-def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
-    """Write the finished study in a folder as one file; ``path``: FOLDER.zip beside the folder by default.
+class Packed(NamedTuple):
+    """An archive that was written.
 
-    Returns the file and what it holds.
+    content_sha256: of its results.  inputs: members that the study reads.  elsewhere: files that it reads by a path
+    that leads nowhere on another machine → member.
+    """
+
+    path: Path
+    content_sha256: str
+    inputs: list[str]
+    elsewhere: dict[str, str]
+
+
+def pack(folder: Path, path: Path | None = None) -> Packed:
+    """Write the finished study in a folder as one file; ``path``: FOLDER.zip beside the folder by default.
 
     ``InputError`` if there is no finished study, or the file exists.  ``StorageError`` if a file cannot be read or
     written, ``IntegrityError`` if the folder is not sound.  Nothing half-written is left behind.
@@ -177,38 +141,28 @@ def pack(folder: Path, path: Path | None = None) -> tuple[Path, Listing]:
     if inputs:  # where it can be run
         members[f"{base}/{STUDY}"] = text
     members = {README: _readme(name, ds, base, elsewhere).encode(), **dict(sorted(members.items()))}
-    listing = Listing(
-        content_sha256=str(ds.attrs["content_sha256"]),
-        made_with={n: str(ds.attrs[n]) for n in _TEXTS} | {n: json.loads(ds.attrs[n]) for n in _TABLES},
-        elsewhere=elsewhere,
-        files={},
-    )
 
     def write(unfinished: Path) -> None:
-        nonlocal listing
         with zipfile.ZipFile(unfinished, "w", zipfile.ZIP_STORED) as archive:
-            packed = {member: _packed(archive, f"{name}/{member}", source) for member, source in members.items()}
-            listing = replace(listing, files=packed)
-            _packed(archive, f"{name}/{LISTING}", listing.data)
+            for member, source in members.items():
+                _pack(archive, f"{name}/{member}", source)
 
     commit_written(path, write)
-    return path, listing
+    read = [member for member in members if member.startswith(f"{INPUTS}/")]
+    return Packed(path, str(ds.attrs["content_sha256"]), read, elsewhere)
 
 
-def _packed(archive: zipfile.ZipFile, name: str, source: bytes | Path) -> Entry:
+def _pack(archive: zipfile.ZipFile, name: str, source: bytes | Path) -> None:
     """Write a member, bytes or a copy of a file."""
-    info, digest = zipfile.ZipInfo(name, _EPOCH), hashlib.sha256()
+    info = zipfile.ZipInfo(name, _EPOCH)
     info.external_attr, info.create_system = _REGULAR, 3
     with storage_errors(Path(name) if isinstance(source, bytes) else source, "read"):
         file = BytesIO(source) if isinstance(source, bytes) else source.open("rb")
     with file:
-        info.file_size = size = file.seek(0, os.SEEK_END)
+        info.file_size = file.seek(0, os.SEEK_END)
         file.seek(0)
         with archive.open(info, "w") as member:
-            while block := file.read(_BLOCK):
-                digest.update(block)
-                member.write(block)
-    return Entry(size, digest.hexdigest())
+            shutil.copyfileobj(file, member, _BLOCK)
 
 
 def _readme(name: str, ds: xr.Dataset, base: str, elsewhere: Mapping[str, str]) -> str:
@@ -217,7 +171,7 @@ def _readme(name: str, ds: xr.Dataset, base: str, elsewhere: Mapping[str, str]) 
     lines = [
         printable(str(ds.attrs["title"])),
         "",
-        f"A study made with fastcoil {ds.attrs['fastcoil_version']}; {LISTING} has all versions and hashes.",
+        f"A study made with fastcoil {ds.attrs['fastcoil_version']}; {MANIFEST} has the hashes of its files.",
         f"Check it:         fastcoil verify {name}",
         f"Look at it:       fastcoil report {name}",
         f"Compute it again: fastcoil run {study} -o again",
@@ -250,21 +204,12 @@ def _problems(path: Path, place: Path) -> list[str]:
     with zipfile.ZipFile(path) as archive:
         if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
             return ["it has compressed members, as no archive of fastcoil has: nothing is unpacked"]
+        unsafe = [name for name in archive.namelist() if not is_safe(name)]
+        if unsafe:
+            return [f"{shown(unsafe[0])} leads out of its folder: nothing is unpacked"]
         with storage_errors(place, "written"):
             archive.extractall(place)
     (folder,) = place.iterdir()
-    listing = Listing.parse((folder / LISTING).read_bytes())
-    paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    found = {p.relative_to(folder).as_posix(): Entry(p.stat().st_size, file_sha256(p)) for p in paths}
-    del found[LISTING]
-    wrong = [f"{shown(name)} is not on its list: somebody added it" for name in found if name not in listing.files]
-    for name, entry in listing.files.items():
-        if found.get(name) != entry:
-            wrong.append(f"{shown(name)} is {'damaged' if name in found else 'missing'}")
-    return wrong or _problems_of_folder(folder, listing)
-
-
-def _problems_of_folder(folder: Path, listing: Listing) -> list[str]:
     manifest = Manifest.read(folder)
     if manifest is None:
         return [f"{MANIFEST} is missing"]
@@ -272,7 +217,4 @@ def _problems_of_folder(folder: Path, listing: Listing) -> list[str]:
         return [f"{MANIFEST} leads out of the archive, to {shown(manifest.relative_to)}"]
     store = StudyFolder(folder)
     # where paths of the study lead to its files on no other machine, it cannot be read
-    problems = list(problems_of_results(store, manifest)) if listing.elsewhere else problems_of_folder(store)
-    if not problems and store.open_results().attrs["content_sha256"] != listing.content_sha256:
-        problems = ["its results are not those of its list: content_sha256 differs"]
-    return problems
+    return list(problems_of_results(store, manifest)) if exists(folder / _ELSEWHERE) else problems_of_folder(store)
