@@ -92,9 +92,8 @@ def archive(folder: Path, out: Path | None) -> None:
     from fastcoil.study.archive import pack
 
     written = pack(folder, out)
-    say(
-        f"Archive: {written.path} ({written.path.stat().st_size / 1e6:,.1f} MB), content_sha256 {written.content_sha256}"
-    )
+    size = written.path.stat().st_size / 1e6
+    say(f"Archive: {written.path} ({size:,.1f} MB), content_sha256 {written.content_sha256}")
     say(*(f"Input:   {name}" for name in written.inputs))
     for path, member in written.elsewhere.items():
         say(f"Note:    the study reads {path}, which other machines do not have; packed as {member}", err=True)
