@@ -66,9 +66,7 @@ def require_writable(out: Path) -> None:
 @click.option("--fail", is_flag=True, help="Exit code 1 if a valve hunts or has a gap of more than 1 %.")
 @click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
-@click.option(
-    "--lag", type=float, help="Seconds by which T_sup is logged after the command; estimated by default."
-)
+@click.option("--lag", type=float, help="Seconds by which T_sup is logged after the command; estimated by default.")
 @click.option("--kp", type=float, help="Gain of the controller, 1/K, with --ti; found by default.")
 @click.option("--ti", type=float, help="Integral time of the controller, s, with --kp; found by default.")
 def diagnose(
