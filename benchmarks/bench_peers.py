@@ -1,4 +1,4 @@
-"""The peers on the same work.  Each must first give fastcoil's RMSE and switches.
+"""The peers on the same work.  Each must first give fastcoil's metrics.
 
 They run one after the other, so a ratio of these times includes whatever the machine did in between.  The ratios
 of the report come from alternating runs, see ``report.py``.

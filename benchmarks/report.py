@@ -149,8 +149,8 @@ def report(results: dict[str, Any]) -> Iterator[str]:
     yield "## Peers\n"
     yield (
         f"Alternating runs, {ROUNDS} rounds, {LANES_IN_ALL} scenarios × {SECONDS} s; the ratio is that of each round "
-        "to the C on as many threads in the same round.  All gave the same RMSE and switches first.  C, scalar "
-        "Numba, NumPy and JAX keep two metrics, fastcoil all of them.  JAX chooses its own threads.\n"
+        "to the C on as many threads in the same round.  All gave the same metrics first.  C and fastcoil "
+        "compute all of them, scalar Numba, NumPy and JAX two.  JAX chooses its own threads.\n"
     )
     for sample_time in SAMPLE_TIMES:
         yield f"Sample time {sample_time} s:\n"

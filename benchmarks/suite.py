@@ -69,7 +69,6 @@ def plan(lanes: int, seconds: int, sample_time: float, options: Options = OPTION
 def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
     """Return a function that runs all blocks of ``work`` through the kernel, and nothing else."""
     cut = blocks(parameter_matrix(work.layout.columns(np.arange(work.n_scenarios))))
-    rows = {name: list(METRICS).index(name) for name in ("rmse", "switch_frequency")}
 
     def one(entry: tuple[np.ndarray, Any]) -> tuple[np.ndarray, np.ndarray]:
         return entry[0], run_block(entry[1], work.days[0], work.traces)[0]
@@ -80,11 +79,10 @@ def kernel(work: Plan, threads: int = 1) -> Callable[[], common.Arrays]:
         else:
             with ThreadPoolExecutor(threads) as pool:
                 done = list(pool.map(one, cut))
-        found = {name: np.empty(work.n_scenarios) for name in rows}
+        found = np.empty((len(METRICS), work.n_scenarios))
         for members, metrics in done:
-            for name, row in rows.items():
-                found[name][members] = metrics[row, : members.size]
-        return found
+            found[:, members] = metrics[:, : members.size]
+        return dict(zip(METRICS, found, strict=True))
 
     return run
 

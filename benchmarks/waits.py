@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-ASKED_RUN, ASKED_COMPILE, ASKED_SIMULATE, ASKED_KERNEL = 1.2, 10.0, 1.3, 1.25
+ASKED_RUN, ASKED_COMPILE, ASKED_SIMULATE, ASKED_KERNEL = 1.2, 10.0, 1.3, 1.15
 """Seconds of a warm run without figures, of the first compilation; ``simulate`` over its kernel; kernel over C."""
 _COMMANDS = (
     ("fastcoil --help", "test_help", None),

@@ -2,16 +2,19 @@
 
 Blocks of LANES scenarios side by side, struct of arrays, all state of a block in L1.  Loops over lanes are
 plain C that gcc vectorises; the constants of the plant (C_W, BETA1, ...) come as macros from c_peer.py.  What
-pays, as measured on a Zen 5 with 512-bit vectors:
+pays, as measured with 512-bit vectors on a Zen 5, the last also on an Emerald Rapids:
   - saturation in a loop of its own: two short dependency chains overlap better than a long one;
   - polynomials in two halves (even and odd powers), for the same reason; the valve in four loops;
   - humidity ratios in units of 0.621945 kg/kg and enthalpies over 1.006 kJ/(kg K), which makes the factors
     of saturation and of sensible heat vanish; the heat capacities stand in the conductances;
   - vdivpd stays: two divisions beside 24 multiply-adds cost less than Newton steps on the multipliers;
-  - air-side effectiveness once per second for all blocks; valve and water side only when a stem moved.
+  - air-side effectiveness once per second for all blocks; valve and water side only when a stem moved;
+  - no saturation, division or enthalpy in volumes whose metal is too warm to get wet in any lane.
 What does not: state in registers over the volumes of 8 or 16 lanes, other layouts and paddings of the rows, a
 polynomial for W_s itself (degree 14) without the division.
-Metrics: sum of squared errors and mode switches only. */
+Sums for every metric that the work has: SUMS, from c_peer.py, which also says what a second counts for (flags).
+Without sums: frost, because the caller has made sure that nothing comes near freezing, and the estimate, which is
+constant here. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -106,25 +109,32 @@ typedef struct {
 } scenarios;
 
 typedef struct {
-    const double *m_a, *T_a_in, *W_a_in, *T_w_in, *T_set, *eps_a, *eps_star;
-    long n_steps, warm_up, switches_end;
+    const double *m_a, *T_a_in, *W_a_in, *T_w_in, *T_set;
+    const int64_t *flags;
+    const double *eps_a, *eps_star, *T_dry;
+    long n_steps;
 } day;
+
+enum { SUMS, N_SUMS };
 
 typedef struct {
     /* parameters */
-    double kp[LANES], ki[LANES], sample_time[LANES], x_bl[LANES], slope[LANES], x_hat[LANES];
+    double kp[LANES], ki[LANES], sample_time[LANES], x_bl[LANES], alpha[LANES], x_hat[LANES];
     /* controller, valve */
     double next_sample[LANES], integral[LANES], u[LANES], mode[LANES], u_ext[LANES], command[LANES], q[LANES];
     /* water side: dt C_flow/C_w, dt G_w/C_w, dt G_w/C_c; scratch of deliver() */
     double flow[LANES], to_water[LANES], from_metal[LANES], scratch[LANES];
     /* coil: water temperature of the volume before, states, saturation; row N of the air is what enters */
     double T_w_in[LANES], T_w[N][LANES], T_c[N][LANES], T_a[N + 1][LANES], omega[N + 1][LANES];
-    double omega_s[N][LANES];
-    double sum_e2[LANES], switches[LANES];
+    double omega_s[LANES];
+    /* what the sums compare with */
+    double last_turn[LANES], power_block[LANES], e_previous[LANES], highest[LANES], lowest[LANES];
+    double e_sampled[LANES], up_at[LANES], last_period[LANES];
+    double sum[N_SUMS][LANES];
 } block;
 
-/* PI, backlash inverse and Eq (1) at a sample; returns whether a stem moved */
-INLINE uint64_t control(block *b, double t, double T_set, double counts, int together) {
+/* PI, backlash inverse and Eq (1) at a sample, with the movements if they count; returns whether a stem moved */
+INLINE uint64_t control(block *b, double t, double T_set, double counts, int counted, int together) {
     uint64_t moved = 0;
     EACH_LANE {
         double e = b->T_a[0][j] - T_set;
@@ -144,13 +154,20 @@ INLINE uint64_t control(block *b, double t, double T_set, double counts, int tog
         double extreme = (turned | (advance > 0.0)) ? u : u_ext;
         double command = clip((1.0 - b->x_hat[j]) * extreme + (mode > 0.0 ? b->x_hat[j] : 0.0));
         command = extreme != u_ext ? command : b->command[j];
+        double q = min(max(b->q[j], command - b->x_bl[j]), command);
+        moved |= bits(q) ^ bits(b->q[j]);
+        if (counted) {
+            double d_opening = b->alpha[j] * (q - b->q[j]), turn = d_opening > 0.0 ? 1.0 : -1.0;
+            int moves = fabs(d_opening) > MOVED;
+            b->sum[STEM_TRAVEL][j] += fabs(d_opening);
+            b->sum[MOTOR_TRAVEL][j] += fabs(command - b->command[j]);
+            b->sum[REVERSALS][j] += moves & (turn * b->last_turn[j] < 0.0) ? 1.0 : 0.0;
+            b->last_turn[j] = moves ? turn : b->last_turn[j];
+            b->sum[SWITCHES][j] += turned ? counts : 0.0;
+        }
         b->mode[j] = mode;
         b->u_ext[j] = extreme;
         b->command[j] = command;
-        b->switches[j] += turned ? counts : 0.0;
-
-        double q = min(max(b->q[j], command - b->x_bl[j]), command);
-        moved |= bits(q) ^ bits(b->q[j]);
         b->q[j] = q;
     }
     return moved;
@@ -158,7 +175,7 @@ INLINE uint64_t control(block *b, double t, double T_set, double counts, int tog
 
 /* Eq (2) and the water side of Eq (4), from ln m_w = ln m_max - ln(1 + a exp(-b (open - c)))/a */
 INLINE void deliver(block *b) {
-    EACH_LANE b->scratch[j] = exp_(b->slope[j] * b->q[j] + VALVE_B * VALVE_C);
+    EACH_LANE b->scratch[j] = exp_(VALVE_B * VALVE_C - VALVE_B * (b->alpha[j] * b->q[j]));
     EACH_LANE b->scratch[j] = LOG_M_MAX - log_(1.0 + VALVE_A * b->scratch[j]) / VALVE_A;
     EACH_LANE {
         b->flow[j] = CP_W / C_W * exp_(b->scratch[j]);
@@ -170,40 +187,111 @@ INLINE void deliver(block *b) {
     }
 }
 
-/* Eq (3), from the water's entrance: the air that enters volume i is still the state [t] of volume i + 1 */
-INLINE void march(block *b, double m_a, double eps_a, double eps_star) {
+/* Eq (3), from the water's entrance: the air that enters volume i is still the state [t] of volume i + 1.
+m_a_counted: m_a, or 0 where condensate does not count.  damp: whether air may condense in a volume, of this step and, with
+T_dry, the metal temperature from which up none does, of the next. */
+INLINE void march(block *b, double m_a, double eps_a, double eps_star, double m_a_counted, double T_dry, int *damp) {
     double dry = m_a * CP_A / C_C, wet = m_a * CP_AIR / C_C;
-    for (int i = 0; i < N; i++) EACH_LANE b->omega_s[i][j] = saturation_omega(b->T_c[i][j]);
-    for (int i = 0; i < N; i++) EACH_LANE {
-        double T_in = b->T_a[i + 1][j], omega_in = b->omega[i + 1][j];
-        double T_c = b->T_c[i][j], T_w = b->T_w[i][j], T_w_in = b->T_w_in[j], omega_s = b->omega_s[i][j];
-        int is_wet = omega_in > omega_s;
-        double dT = T_in - T_c, dT_w = T_c - T_w_in;
-        double latent_in = omega_in * latent(T_in), d_eta = latent_in + dT - omega_s * latent(T_c);
-        double cooled = eps_a * dT, dried = eps_star * d_eta;
+    for (int i = 0; i < N; i++) {
+        uint64_t next = 0;
+        if (damp[i]) {
+            EACH_LANE b->omega_s[j] = saturation_omega(b->T_c[i][j]);
+            EACH_LANE {
+                double T_in = b->T_a[i + 1][j], omega_in = b->omega[i + 1][j];
+                double T_c = b->T_c[i][j], T_w = b->T_w[i][j], T_w_in = b->T_w_in[j], omega_s = b->omega_s[j];
+                int is_wet = omega_in > omega_s;
+                double dT = T_in - T_c, dT_w = T_c - T_w_in;
+                double latent_in = omega_in * latent(T_in), d_eta = latent_in + dT - omega_s * latent(T_c);
+                double cooled = eps_a * dT, dried = eps_star * d_eta;
 
-        double heat = is_wet ? wet * dried : dry * cooled;
-        b->T_c[i][j] = (T_c - b->from_metal[j] * dT_w) + heat;
-        b->T_w[i][j] = T_w + b->flow[j] * (T_w_in - T_w) + b->to_water[j] * dT_w;
-        b->T_w_in[j] = T_w;
+                double heat = is_wet ? wet * dried : dry * cooled;
+                double T_next = (T_c - b->from_metal[j] * dT_w) + heat;
+                next |= T_next < T_dry;
+                b->T_c[i][j] = T_next;
+                b->T_w[i][j] = T_w + b->flow[j] * (T_w_in - T_w) + b->to_water[j] * dT_w;
+                b->T_w_in[j] = T_w;
 
-        double T_out = T_in - cooled, omega_out = (latent_in + cooled - dried) / latent(T_out);
-        b->T_a[i][j] = T_out;
-        b->omega[i][j] = is_wet ? min(omega_out, omega_in) : omega_in;
+                double T_out = T_in - cooled, omega_out = (latent_in + cooled - dried) / latent(T_out);
+                omega_out = is_wet ? min(omega_out, omega_in) : omega_in;
+                b->T_a[i][j] = T_out;
+                b->omega[i][j] = omega_out;
+                b->sum[CONDENSATE][j] += m_a_counted * (omega_in - omega_out);
+            }
+        } else {
+            EACH_LANE {
+                double T_in = b->T_a[i + 1][j], T_c = b->T_c[i][j], T_w = b->T_w[i][j], T_w_in = b->T_w_in[j];
+                double cooled = eps_a * (T_in - T_c), dT_w = T_c - T_w_in;
+                double T_next = (T_c - b->from_metal[j] * dT_w) + dry * cooled;
+                next |= T_next < T_dry;
+                b->T_c[i][j] = T_next;
+                b->T_w[i][j] = T_w + b->flow[j] * (T_w_in - T_w) + b->to_water[j] * dT_w;
+                b->T_w_in[j] = T_w;
+                b->T_a[i][j] = T_in - cooled;
+                b->omega[i][j] = b->omega[i + 1][j];
+            }
+        }
+        damp[i] = next != 0;
     }
 }
 
-static void run_block(const scenarios *s, long k, const day *d, double *sum_e2, double *switches) {
+/* a counted second; T_moved: how far the set-point has moved since the settled window began */
+INLINE void account(block *b, double T_set, double T_w_in, double m_a, double T_moved, int settled, int in_peak_block) {
+    EACH_LANE {
+        double T = b->T_a[0][j], e = T - T_set, power = b->flow[j] * (b->T_w[N - 1][j] - T_w_in);
+        b->sum[E2][j] += e * e;
+        b->sum[ABS_E][j] += fabs(e);
+        b->sum[OFF][j] += fabs(e) > OFF_ERROR ? 1.0 : 0.0;
+        b->sum[BELOW][j] += m_a * min(e, 0.0);
+        b->sum[ABOVE][j] += m_a * max(e, 0.0);
+        b->sum[FLOW][j] += b->flow[j];
+        b->sum[POWER][j] += power;
+        if (in_peak_block) b->power_block[j] += power;
+        if (settled) {
+            b->sum[E2_SETTLED][j] += e * e;
+            b->sum[CROSSINGS][j] += (b->e_previous[j] < 0.0) & (e >= 0.0) ? 1.0 : 0.0;
+            b->e_previous[j] = e;
+            b->highest[j] = max(T - T_moved, b->highest[j]);
+            b->lowest[j] = min(T - T_moved, b->lowest[j]);
+        }
+    }
+}
+
+INLINE void begin_window(block *b) {
+    EACH_LANE {
+        b->highest[j] = b->lowest[j] = b->T_a[0][j];
+        b->e_previous[j] = b->e_sampled[j] = 0.0;
+        b->up_at[j] = 1e9; /* not yet */
+    }
+}
+
+/* whole periods between upward zero crossings, and those as long, to 20 %, as the one before */
+INLINE void see_periods(block *b, double t, double T_set) {
+    uint64_t rises = 0;
+    EACH_LANE rises |= (b->e_sampled[j] < 0.0) & (b->T_a[0][j] - T_set >= 0.0);
+    if (rises) EACH_LANE {
+        int up = (b->e_sampled[j] < 0.0) & (b->T_a[0][j] - T_set >= 0.0);
+        double period = t - b->up_at[j], last = b->last_period[j];
+        int whole = up & (period > 0.0), alike = 5.0 * fabs(period - last) <= max(period, last);
+        b->sum[PERIODS][j] += whole ? 1.0 : 0.0;
+        b->sum[ALIKE][j] += whole & alike ? 1.0 : 0.0;
+        b->last_period[j] = whole ? period : last;
+        b->up_at[j] = up ? t : b->up_at[j];
+    }
+    EACH_LANE b->e_sampled[j] = b->T_a[0][j] - T_set;
+}
+
+static void run_block(const scenarios *s, long k, long n, const day *d, double *sums) {
     block store __attribute__((aligned(64))), *b = &store;
     memset(b, 0, sizeof *b);
     long period = 0;
-    int together = 1;
+    int together = 1, damp[N];
+    for (int i = 0; i < N; i++) damp[i] = 1;
     EACH_LANE {
         b->kp[j] = s->kp[k + j];
         b->ki[j] = s->kp[k + j] * s->sample_time[k + j] / s->ti[k + j];
         b->sample_time[j] = s->sample_time[k + j];
         b->x_bl[j] = s->backlash[k + j];
-        b->slope[j] = -VALVE_B / (1.0 - s->backlash[k + j]);
+        b->alpha[j] = 1.0 / (1.0 - s->backlash[k + j]);
         b->x_hat[j] = s->estimate[k + j];
         b->mode[j] = -1.0;
         for (int i = 0; i < N; i++) {
@@ -218,33 +306,60 @@ static void run_block(const scenarios *s, long k, const day *d, double *sum_e2, 
             rest = r;
         }
     }
+    double T_set_from = 0.0;
     for (long t = 0, next = 0; t < d->n_steps; t++) {
-        double T_set = d->T_set[t];
+        double T_set = d->T_set[t], T_w_in = d->T_w_in[t], m_a = d->m_a[t];
+        int64_t f = d->flags[t];
         if (t == next) {
             next += period;
-            double counts = t >= d->warm_up && t < d->switches_end ? 1.0 : 0.0;
-            uint64_t moved = together ? control(b, t, T_set, counts, 1) : control(b, t, T_set, counts, 0);
+            double counts = f & IN_SWITCH_BLOCK ? 1.0 : 0.0;
+            int counted = (f & COUNTED) != 0;
+            uint64_t moved = together ? control(b, t, T_set, counts, counted, 1) : control(b, t, T_set, counts, counted, 0);
             if (moved || t == 0) deliver(b);
         }
-        if (t >= d->warm_up) EACH_LANE b->sum_e2[j] += (b->T_a[0][j] - T_set) * (b->T_a[0][j] - T_set);
+        if (f & WINDOW_STARTS) {
+            begin_window(b);
+            T_set_from = T_set;
+        }
+        double T_moved = T_set - T_set_from;
+        int64_t kind = f & (COUNTED | SETTLED | IN_PEAK_BLOCK);
+        if (kind == COUNTED) account(b, T_set, T_w_in, m_a, T_moved, 0, 0);
+        if (kind == (COUNTED | SETTLED)) account(b, T_set, T_w_in, m_a, T_moved, 1, 0);
+        if (kind == (COUNTED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 0, 1);
+        if (kind == (COUNTED | SETTLED | IN_PEAK_BLOCK)) account(b, T_set, T_w_in, m_a, T_moved, 1, 1);
+        if (f & HUNTING_SEEN) see_periods(b, t, T_set);
+        if (f & WINDOW_ENDS) EACH_LANE b->sum[SWING][j] += b->highest[j] - b->lowest[j];
+        if (f & PEAK_BLOCK_ENDS) EACH_LANE {
+            b->sum[PEAK_POWER][j] = max(b->power_block[j], b->sum[PEAK_POWER][j]);
+            b->power_block[j] = 0.0;
+        }
         EACH_LANE {
             b->T_a[N][j] = d->T_a_in[t];
             b->omega[N][j] = d->W_a_in[t] / MASS_RATIO;
-            b->T_w_in[j] = d->T_w_in[t];
+            b->T_w_in[j] = T_w_in;
         }
-        march(b, d->m_a[t], d->eps_a[t], d->eps_star[t]);
+        march(b, m_a, d->eps_a[t], d->eps_star[t], f & COUNTED ? m_a : 0.0, d->T_dry[t], damp);
     }
-    memcpy(sum_e2 + k, b->sum_e2, sizeof b->sum_e2);
-    memcpy(switches + k, b->switches, sizeof b->switches);
+    for (int i = 0; i < N_SUMS; i++) memcpy(sums + i * n + k, b->sum[i], sizeof b->sum[i]);
 }
 
-/* n: a multiple of LANES, best sorted by sample time.  eps: scratch, 2 n_steps.  sum_e2, switches: out, n. */
-void coil_loop(scenarios s, long n, day d, double *eps, double *sum_e2, double *switches) {
+/* Before the blocks, for every second: effectiveness of the air side, and T_dry, a temperature up to 1/16 K above the dew
+point of the dampest air of the next second, which has entered in the last N + 1.
+n: a multiple of LANES, best sorted by sample time.  scratch: 3 n_steps.  sums: out, (N_SUMS, n). */
+void coil_loop(scenarios s, long n, day d, double *scratch, double *sums) {
+    double *eps_a = scratch, *eps_star = scratch + d.n_steps, *T_dry = scratch + 2 * d.n_steps, T = 15.0;
     for (long t = 0; t < d.n_steps; t++) {
-        eps[t] = effectiveness(BETA3, BETA4, log_(d.m_a[t]));
-        eps[d.n_steps + t] = effectiveness(BETA5, BETA6, log_(d.m_a[t]));
+        eps_a[t] = effectiveness(BETA3, BETA4, log_(d.m_a[t]));
+        eps_star[t] = effectiveness(BETA5, BETA6, log_(d.m_a[t]));
+        double omega = 0.0;
+        for (long i = t + 1 < N ? 0 : t + 1 - N; i <= t + 1 && i < d.n_steps; i++)
+            omega = max(omega, d.W_a_in[i] / MASS_RATIO * 1.000001);
+        while (T < 50.0 && saturation_omega(T) < omega) T += 0.0625;
+        while (T > 0.0 && saturation_omega(T - 0.0625) >= omega) T -= 0.0625;
+        T_dry[t] = T;
     }
-    d.eps_a = eps;
-    d.eps_star = eps + d.n_steps;
-    for (long k = 0; k < n; k += LANES) run_block(&s, k, &d, sum_e2, switches);
+    d.eps_a = eps_a;
+    d.eps_star = eps_star;
+    d.T_dry = T_dry;
+    for (long k = 0; k < n; k += LANES) run_block(&s, k, n, &d, sums);
 }

@@ -103,7 +103,7 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
     shared = common.shares_air_side
     eps = np.empty((2, n_steps if shared else 0))
     shared_air_side(S, day.series[:, C.m_a], eps)
-    coldest, dampest = extremes(V, n_volumes)
+    coldest, dampest = extremes(S, V, n_volumes)
     pressure = highest_pressure(S)
     T_dry, dampest_known = 15.0, np.nan
     damp = np.ones(n_volumes + 1, np.bool_)
@@ -194,6 +194,6 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
             if not is_mild:
                 watch_frost(S, V, n_volumes, t + 1 - looked)
             looked = t + 1
-            coldest, dampest = extremes(V, n_volumes)
+            coldest, dampest = extremes(S, V, n_volumes)
 
     summarise(S, V, n_volumes, day.schedule, metrics, status)

@@ -103,9 +103,12 @@ def air_side(S, m_a):
 @section
 def shared_air_side(S, m_a, eps):
     """Air-side effectiveness of the whole day, where all lanes share β3…β6; eps: out, ε_a and ε_a*, (2, n_steps)."""
-    for t in range(eps.shape[1]):
-        eps[0, t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], m_a[t])
-        eps[1, t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], m_a[t])
+    eps_a, eps_star = eps[0], eps[1]
+    for t in range(eps_a.size):  # out of its column: a loop over every eighth number is not vectorised
+        eps_a[t] = m_a[t]
+    for t in range(eps_a.size):
+        eps_star[t] = effectiveness(S[R.ntu_star_factor], S[R.beta6], eps_a[t])
+        eps_a[t] = effectiveness(S[R.ntu_a_factor], S[R.beta4], eps_a[t])
 
 
 @section
@@ -119,18 +122,25 @@ def enter(V, n_volumes, T_a_in, W_a_in, T_w_in):
 
 
 @section
-def extremes(V, n_volumes):
+def extremes(S, V, n_volumes):
     """Lowest temperature, °C, and highest humidity ratio, kg/kg, in the coils of a block.
 
     Eqs (3) and (4) take weighted means, at dt within the stability limits, and nothing but a loss of humidity: until
     something colder or damper enters, no volume goes beyond.
     """
-    coldest, dampest = np.inf, -np.inf
+    for j in range(LANES):
+        S[R.coldest + j] = np.inf
+        S[R.dampest + j] = -np.inf
     for i in range(1, n_volumes + 1):
         cv = V[i * VOLUME_STRIDE :]
         for j in range(LANES):
-            coldest = min(coldest, cv[T_W + j], cv[T_C + j], cv[T_A + j])
-            dampest = max(dampest, cv[W_A + j])
+            low = cv[T_W + j] if cv[T_W + j] < S[R.coldest + j] else S[R.coldest + j]
+            low = cv[T_C + j] if cv[T_C + j] < low else low
+            S[R.coldest + j] = cv[T_A + j] if cv[T_A + j] < low else low
+            S[R.dampest + j] = cv[W_A + j] if cv[W_A + j] > S[R.dampest + j] else S[R.dampest + j]
+    coldest, dampest = np.inf, -np.inf
+    for j in range(LANES):
+        coldest, dampest = min(coldest, S[R.coldest + j]), max(dampest, S[R.dampest + j])
     return coldest, dampest
 
 

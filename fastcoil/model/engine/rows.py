@@ -59,7 +59,7 @@ SUM_ROWS = (
     "e_sampled", "up_at", "periods", "last_period", "alike",
     "sum_switches", "stem_travel", "motor_travel", "reversals", "sum_estimate",
     "sum_power", "sum_power_block", "peak_power", "sum_m_w", "condensate",
-    "coldest_wet", "coldest_water", "frost_time", "freeze_time",
+    "coldest_wet", "coldest_water", "frost_time", "freeze_time", "coldest", "dampest",
 )  # fmt: skip
 """What the metrics are made of."""
 VOLUME_ROWS = ("T_w", "T_c", "T_a", "W_a", "Q_w", "W_s")
