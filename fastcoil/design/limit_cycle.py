@@ -50,26 +50,28 @@ def frequency(w: Array, place: Array) -> Array:
     return np.asarray(w[0] * np.exp(place * np.log(w[1] / w[0])))
 
 
-def balance(w: Array, L: Complex, N: Callable[[Array], Complex], n_amplitudes: int, lead: Array) -> Balance:
+def balance(w: Array, L: Complex, N: Callable[[Array, Index], Complex], n_amplitudes: int, lead: Array) -> Balance:
     """Where L and N lag 180° together, for each loop and amplitude.
 
     With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.  In a loop
     where it only falls, all of it is the first piece.
 
     w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: frequencies,
-    (n, n_amplitudes) → the describing function there.  lead: most that N may lead, rad, (n,).
+    (m, n_amplitudes), and which m loops they are of → the describing function there.  lead: most that N may lead, rad,
+    (n,).
     """
     left, log_L = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L))
-    found = []
+    shape, everyone, found = (L.shape[0], n_amplitudes), np.arange(L.shape[0]), []
     for low, high, turn in _pieces(left, lead):
-        shape = (L.shape[0], n_amplitudes)
+        some = np.flatnonzero(high > low)  # the loops that have this piece
         a, b = (np.broadcast_to(end[:, None].astype(float), shape).copy() for end in (low, high))
 
-        def excess(place: Array, turn: float = turn) -> Array:
-            return turn * (between(left, place) + np.angle(N(frequency(w, place))))
+        def excess(place: Array, turn: float = turn, some: Index = some) -> Array:
+            return turn * (between(left[some], place) + np.angle(N(frequency(w, place), some)))
 
-        place, there = _root(excess, a, b)
-        size = np.abs(N(frequency(w, place)))
+        place, there = a.copy(), np.zeros(shape, bool)
+        place[some], there[some] = _root(excess, a[some], b[some])
+        size = np.abs(N(frequency(w, place), everyone))
         found.append((np.where(there, np.exp(between(log_L, place)) * size, 0.0), place, size))
     product, place, size = (np.stack(part) for part in zip(*found, strict=True))
     return Balance(product, place, size)
@@ -273,10 +275,15 @@ def _balanced(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants
     passed = limited(A, -mean, 1.0 - mean).astype(complex)
 
     def of(some: Index) -> Balance:
-        part, A_part, passed_part = elements.some(some), A[some], passed[some]
-        leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed_part).max(axis=1) > 0.0)
+        part = elements.some(some)
+        leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed[some]).max(axis=1) > 0.0)
         lead = np.where(leads, 0.5 * np.pi, 0.0)
-        return balance(w, L[some], lambda at: part.describe(A_part, at, passed_part), _AMPLITUDES, lead)
+
+        def N(at: Array, which: Index) -> Complex:
+            members = some[which]
+            return elements.some(members).describe(A[members], at, passed[members])
+
+        return balance(w, L[some], N, _AMPLITUDES, lead)
 
     found = of(np.arange(A.shape[0]))
     room = np.minimum(mean, 1.0 - mean)

@@ -118,7 +118,7 @@ def index_of(prediction: Prediction) -> float:
 
 
 _LONGEST_TI = 3600.0
-_TI_STEPS = 60
+_TI_STEPS, _TI_PARTS = 60, 5
 
 
 def shortest_ti(prediction: Prediction, margin: float) -> float:
@@ -128,10 +128,14 @@ def shortest_ti(prediction: Prediction, margin: float) -> float:
     """
     sample_time, ti = (float(prediction.columns[name][0]) for name in ("sample_time", "ti"))
     grid = np.geomspace(min(sample_time, ti) / 10.0, max(_LONGEST_TI, 2.0 * ti), _TI_STEPS)
-    swept = prediction.loop.assign(ti=("tuning", grid))
-    largest = cycles_at(swept, prediction.plants, prediction.reached).margin.max(axis=1)
-    above = np.flatnonzero(largest > margin)
-    if not above.size:
+    largest = np.empty(_TI_STEPS)
+    for part in np.array_split(np.arange(_TI_STEPS), _TI_PARTS)[::-1]:  # the longest decide, and are mostly enough
+        swept = prediction.loop.assign(ti=("tuning", grid[part]))
+        largest[part] = cycles_at(swept, prediction.plants, prediction.reached).margin.max(axis=1)
+        above = part[largest[part] > margin]
+        if above.size:
+            break
+    else:
         return float(grid[0])
     k = int(above[-1])
     if k == grid.size - 1:

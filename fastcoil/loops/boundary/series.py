@@ -247,8 +247,7 @@ def _to_seconds(times: Any) -> Times:
 def time_zone_of(name: str, value: Any) -> str:
     """The name of a time zone or an offset from UTC; blank if it is None or blank."""
     text = "" if value is None else text_of(name, value).strip()
-    known = zoneinfo.available_timezones()
-    if not text or text in known or _OFFSET.fullmatch(text):
+    if not text or _OFFSET.fullmatch(text) or text in (known := zoneinfo.available_timezones()):
         return text
     raise InputError(f"{name} = {shown(text)}{nearest(text, known)}: {_ZONE_CURE}")
 

@@ -99,58 +99,76 @@ def draw_noise(S, t, k, common, day):
         S[R.noise_next + j] = S[R.noise_std + j] * odd
 
 
-@section
-def control(S, t, T_set, noise, enabled, counts_switches, parts):
-    """Run PI and inverse of the lanes that sample now; the others hold u, and so their command.
+def control_of(parts: Control) -> Any:
+    """A section that runs PI and inverse of the lanes that sample now; the others hold u, and so their command.
 
-    parts: a Control.
+    It closes over its parts, so that the compiler never sees the others.
     """
-    for j in range(LANES):
-        resolution = S[R.sensor_resolution + j] if parts.has_resolution else 0.0
-        y = measured(S[R.y_s + j], S[R.noise + j] + noise, resolution)
-        e = S[R.sign + j] * (y - T_set)
-        due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
-        integral = integrated(S[R.integral + j], e, S[R.ki + j])
-        u = S[R.decided + j] if parts.has_law else desired_opening(e, integral, S[R.kp + j])
-        integral = 0.0 if parts.has_law else integral
-        acts = due
-        if parts.has_dead_band:
-            acts = due and not holds(e, S[R.error_dead_band + j])
-        if parts.has_test:
-            acts = acts and S[R.test + j] == 0.0
-        integral = integral if acts else S[R.integral + j]
-        u = u if acts else S[R.u + j]
-        integral = integral if enabled else 0.0
-        u = u if enabled else 0.0
-        if parts.is_watched:
-            S[R.T_seen + j] = y if due else S[R.T_seen + j]
-            S[R.e_seen + j] = e if due else S[R.e_seen + j]
-        buffer = S[R.buffer + j]
-        if parts.measures_noise:
-            buffer = measured_buffer(S, j, e, due)
-        if parts.waives_buffer:
-            buffer = buffer if S[R.assumed + j] > 0.0 else 0.0
+    (
+        is_watched,
+        has_resolution,
+        has_law,
+        has_dead_band,
+        is_additive,
+        is_smooth,
+        measures_noise,
+        waives_buffer,
+        has_test,
+    ) = parts
 
-        mode = direction(u, S[R.mode + j], S[R.u_ext + j], buffer)
-        turned = mode != S[R.mode + j]
-        u_ext = extreme(u, mode, S[R.u_ext + j], turned)
-        command = inverse(u_ext, mode, S[R.assumed + j])
-        moves = u_ext != S[R.u_ext + j]
-        if parts.is_additive:
-            command = additive(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
-        if parts.is_smooth:
-            is_smooth = S[R.compensation + j] == SMOOTH
-            command = smooth(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if is_smooth else command
-            moves = (due or u != S[R.u + j]) if is_smooth else moves
-        if parts.has_test:
-            moves = moves and S[R.test + j] == 0.0
-        S[R.integral + j] = integral
-        S[R.u + j] = u
-        S[R.command + j] = command if moves else S[R.command + j]
-        S[R.u_ext + j] = u_ext
-        S[R.mode + j] = mode
-        S[R.switches + j] += 1.0 if turned else 0.0
-        S[R.sum_switches + j] += counts_switches if turned else 0.0
+    @section
+    def control(S, t, T_set, noise, enabled, counts_switches):
+        for j in range(LANES):
+            resolution = S[R.sensor_resolution + j] if has_resolution else 0.0
+            y = measured(S[R.y_s + j], S[R.noise + j] + noise, resolution)
+            e = S[R.sign + j] * (y - T_set)
+            due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+            integral = integrated(S[R.integral + j], e, S[R.ki + j])
+            u = S[R.decided + j] if has_law else desired_opening(e, integral, S[R.kp + j])
+            integral = 0.0 if has_law else integral
+            acts = due
+            if has_dead_band:
+                acts = due and not holds(e, S[R.error_dead_band + j])
+            if has_test:
+                acts = acts and S[R.test + j] == 0.0
+            integral = integral if acts else S[R.integral + j]
+            u = u if acts else S[R.u + j]
+            integral = integral if enabled else 0.0
+            u = u if enabled else 0.0
+            if is_watched:
+                S[R.T_seen + j] = y if due else S[R.T_seen + j]
+                S[R.e_seen + j] = e if due else S[R.e_seen + j]
+            buffer = S[R.buffer + j]
+            if measures_noise:
+                buffer = measured_buffer(S, j, e, due)
+            if waives_buffer:
+                buffer = buffer if S[R.assumed + j] > 0.0 else 0.0
+
+            mode = direction(u, S[R.mode + j], S[R.u_ext + j], buffer)
+            turned = mode != S[R.mode + j]
+            u_ext = extreme(u, mode, S[R.u_ext + j], turned)
+            command = inverse(u_ext, mode, S[R.assumed + j])
+            moves = u_ext != S[R.u_ext + j]
+            if is_additive:
+                command = additive(u_ext, mode, S[R.assumed + j]) if S[R.compensation + j] == ADDITIVE else command
+            if is_smooth:
+                smooths = S[R.compensation + j] == SMOOTH
+                command = smooth(u, S[R.u + j], S[R.assumed + j], S[R.steepness + j]) if smooths else command
+                moves = (due or u != S[R.u + j]) if smooths else moves
+            if has_test:
+                moves = moves and S[R.test + j] == 0.0
+            S[R.integral + j] = integral
+            S[R.u + j] = u
+            S[R.command + j] = command if moves else S[R.command + j]
+            S[R.u_ext + j] = u_ext
+            S[R.mode + j] = mode
+            S[R.switches + j] += 1.0 if turned else 0.0
+            S[R.sum_switches + j] += counts_switches if turned else 0.0
+
+    return control
+
+
+control = control_of(PLAIN)
 
 
 @section
@@ -223,11 +241,11 @@ def control_stage(parts: Control) -> Any:
     if parts == PLAIN:
         return BUILT_IN
 
-    has_test = parts.has_test
+    has_test, control_lanes = parts.has_test, control_of(parts)
 
     def controller(S, t, T_set, noise, enabled, counts_switches):
         if has_test:
             run_test(S, t, T_set, noise, enabled)
-        control(S, t, T_set, noise, enabled, counts_switches, parts)
+        control_lanes(S, t, T_set, noise, enabled, counts_switches)
 
     return CONTROL.compiled(controller, repr(parts))

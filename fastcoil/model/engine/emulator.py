@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fastcoil.model.engine.controller import PLAIN, call_control, control, draw_noise
+from fastcoil.model.engine.controller import call_control, control, draw_noise
 from fastcoil.model.engine.metrics import (
     COUNTED,
     IN_SWITCH_BLOCK,
@@ -143,14 +143,14 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
                     call_law(common.law, (S, own_law, float(clock), T_set, noise, m_a, enabled, False))
                 counts = 1.0 if flags & IN_SWITCH_BLOCK else 0.0
                 if common.control == BUILT_IN:
-                    control(S, clock, T_set, noise, enabled, counts, PLAIN)
+                    control(S, clock, T_set, noise, enabled, counts)
                 else:
                     call_control(common.control, (S, clock, T_set, noise, enabled, counts))
                 running = True
             was_enabled = enabled
         if open_loop or running:
             plain = common.stem == BUILT_IN
-            found = actuate(S, counted, False, False, False, False) if plain else call_stem(common.stem, (S, counted))
+            found = actuate(S, counted) if plain else call_stem(common.stem, (S, counted))
             running = found & RUNNING != 0
             if found & MOVED != 0 or t == 0:
                 deliver(S, common.leaks)

@@ -10,7 +10,7 @@ from fastcoil.model.engine.controller import Control, control_stage
 from fastcoil.model.engine.emulator import C, Day, emulate
 from fastcoil.model.engine.metrics import N_METRICS, OF_ESTIMATORS, schedule
 from fastcoil.model.engine.plant import Stem, stem_stage
-from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R
+from fastcoil.model.engine.rows import LANES, PARAMETER_ROWS, ROWS, T_A, T_C, T_W, VOLUME_ROWS, VOLUME_STRIDE, W_A, R
 from fastcoil.model.engine.rules import estimator_stage, law_stage
 from fastcoil.model.estimators.interface import Estimator
 from fastcoil.model.estimators.registry import ESTIMATORS
@@ -195,7 +195,7 @@ class WorkSpace(NamedTuple):
 def work_space(block: Block) -> WorkSpace:
     """Room for the states of a block: uninitialised, but for the parameters of its estimator and its law."""
     return WorkSpace(
-        _aligned(len(R) * LANES),
+        _aligned(len(ROWS) * LANES),
         _aligned((block.common.n_volumes + 2) * VOLUME_STRIDE),
         room_for(block.estimator, block.for_estimator),
         room_for(block.law, block.for_law),
@@ -225,7 +225,7 @@ def trace_rows(names: Sequence[str], n_volumes: int) -> np.ndarray:
     """
     volume = {"T_w": T_W, "T_c": T_C, "T_a": T_A, "W_a": W_A}
     ends = {"T_sup": T_A + VOLUME_STRIDE, "W_sup": W_A + VOLUME_STRIDE, "T_w_out": T_W + n_volumes * VOLUME_STRIDE}
-    signal = R._asdict() | {"T_measured": R.measured}
+    signal = vars(R) | {"T_measured": R.measured}
     rows: list[int] = []
     for name in names:
         if name in volume:

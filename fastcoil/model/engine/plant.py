@@ -301,48 +301,6 @@ MOVED, RUNNING = 1, 2
 
 
 @section
-def actuate(S, counted, has_resolution, has_zones, slips, wears):
-    """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs.
-
-    has_resolution, has_zones, slips, wears: whether any lane's motor rounds its commands, has a neutral zone or a slip
-    jump, or wears, see ``Stem``.
-    """
-    moved, running = False, False
-    for j in range(LANES):
-        target = accepted(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
-        previous, x_bl, commissioned = S[R.position + j], S[R.gap + j], S[R.backlash + j]
-        if has_zones:
-            runs = S[R.motor_runs + j] != 0.0
-            position, runs = driven(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
-            S[R.motor_runs + j] = 1.0 if runs else 0.0
-            running |= runs
-        else:
-            position = motor(previous, target, S[R.max_travel + j])
-            running |= position != target
-        if slips:
-            direction = S[R.stem_direction + j]
-            q, direction = slipped(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
-            S[R.stem_direction + j] = direction
-            running |= direction != 0.0  # it sticks in the second in which the motor has stopped
-            open_ = opening(q, commissioned - S[R.slip_jump + j])
-        else:
-            q = backlash(S[R.q + j], position, x_bl)
-            open_ = opening(q, commissioned)
-        d_opening, d_position = open_ - S[R.opening + j], position - previous
-        if counted:
-            account_travel(S, j, d_opening, d_position)
-        S[R.position + j] = position
-        S[R.q + j] = q
-        S[R.opening + j] = open_
-        if wears:
-            S[R.worn + j] = worn(S[R.worn + j], S[R.wear_rate + j], abs(d_opening))
-            S[R.gap + j] = gap(S[R.worn + j], S[R.backlash_scale + j])
-            running |= S[R.gap + j] != x_bl
-        moved |= d_opening != 0.0
-    return (MOVED if moved else 0) + (RUNNING if running else 0)
-
-
-@section
 def scale_gap(S, scale):
     """Let the boundary multiply every backlash by ``scale``; the stem is taken into the new gap when next actuated."""
     for j in range(LANES):
@@ -365,16 +323,65 @@ class Stem(NamedTuple):
         return cls(*(bool(np.any(row[name] > 0.0)) for name in names))
 
 
+def actuate_of(parts: Stem) -> Any:
+    """A section that moves motor and gearbox, Eq (1).  It closes over its parts, as ``control_of`` does.
+
+    It returns MOVED if any valve moved, plus RUNNING if any motor still runs.
+    """
+    has_resolution, has_zones, slips, wears = parts
+
+    @section
+    def actuate(S, counted):
+        moved, running = False, False
+        for j in range(LANES):
+            target = accepted(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
+            previous, x_bl, commissioned = S[R.position + j], S[R.gap + j], S[R.backlash + j]
+            if has_zones:
+                runs = S[R.motor_runs + j] != 0.0
+                position, runs = driven(previous, target, S[R.max_travel + j], S[R.neutral_zone + j], runs)
+                S[R.motor_runs + j] = 1.0 if runs else 0.0
+                running |= runs
+            else:
+                position = motor(previous, target, S[R.max_travel + j])
+                running |= position != target
+            if slips:
+                direction = S[R.stem_direction + j]
+                q, direction = slipped(S[R.q + j], direction, position, previous, x_bl, S[R.slip_jump + j])
+                S[R.stem_direction + j] = direction
+                running |= direction != 0.0  # it sticks in the second in which the motor has stopped
+                open_ = opening(q, commissioned - S[R.slip_jump + j])
+            else:
+                q = backlash(S[R.q + j], position, x_bl)
+                open_ = opening(q, commissioned)
+            d_opening, d_position = open_ - S[R.opening + j], position - previous
+            if counted:
+                account_travel(S, j, d_opening, d_position)
+            S[R.position + j] = position
+            S[R.q + j] = q
+            S[R.opening + j] = open_
+            if wears:
+                S[R.worn + j] = worn(S[R.worn + j], S[R.wear_rate + j], abs(d_opening))
+                S[R.gap + j] = gap(S[R.worn + j], S[R.backlash_scale + j])
+                running |= S[R.gap + j] != x_bl
+            moved |= d_opening != 0.0
+        return (MOVED if moved else 0) + (RUNNING if running else 0)
+
+    return actuate
+
+
+actuate = actuate_of(Stem())
+
+
 @cache
 def stem_stage(parts: Stem) -> Any:
     """Where ``actuate`` is, compiled for these parts: (S, counted) → MOVED and RUNNING."""
     if parts == Stem():
         return BUILT_IN
 
-    has_resolution, has_zones, slips, wears = parts
+    actuate_lanes = actuate_of(parts)
 
     def stem(S, counted):
-        return actuate(S, counted, has_resolution, has_zones, slips, wears)
+        return actuate_lanes(S, counted)
 
     return STEM.compiled(stem, repr(parts))
 

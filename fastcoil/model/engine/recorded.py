@@ -6,7 +6,7 @@ from a record.
 
 import numpy as np
 
-from fastcoil.model.engine.controller import PLAIN, call_control, control
+from fastcoil.model.engine.controller import call_control, control
 from fastcoil.model.engine.emulator import record
 from fastcoil.model.engine.lanes import NO_RULES, Block, Rules, run_sets, trace_rows, work_space
 from fastcoil.model.engine.plant import air_side, count_wet, enter, march_air, march_water, water_side
@@ -192,7 +192,7 @@ def command_of(rows, common, series, S, V, own, own_law, traced_rows, interval, 
             if has_law:
                 call_law(common.law, (S, own_law, float(t), T_set, 0.0, m_a, enabled, False))
             if common.control == BUILT_IN:
-                control(S, t, T_set, 0.0, enabled, 0.0, PLAIN)
+                control(S, t, T_set, 0.0, enabled, 0.0)
             else:
                 call_control(common.control, (S, t, T_set, 0.0, enabled, 0.0))
         was_enabled = enabled

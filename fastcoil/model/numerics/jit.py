@@ -13,6 +13,8 @@ Flags:
     forceinline=True     a call in the loop over lanes keeps it scalar.
     nogil=True           threads are the only parallelism: no ``parallel=True``, whose threading layers abort
                          or oversubscribe inside a thread pool.
+    no_…_wrapper         entries for C, and into a section for Python: code that nobody calls, and a seventh of a
+                         compilation.
     fastmath "contract"  a*b + c in one instruction: a third of the arithmetic of Eq (3).  All lanes run the same
                          instructions, so they still get the same bits: see ``tests/model/engine/test_lanes.py``.
     never more of it     it deletes NaN tests and lets a lane's bits depend on its neighbours.
@@ -43,7 +45,8 @@ from numba.extending import intrinsic
 from fastcoil.model.numerics.kernel_cache import KernelCache, has_kernel, kernel_folder
 from fastcoil.model.parameter_table import PARAMETERS
 
-FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+FLAGS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+_OF_SECTION = FLAGS | {"no_cpython_wrapper": True}
 _SETTINGS = (
     "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DISABLE_INTEL_SVML", "DISABLE_JIT", "ENABLE_AVX", "LOOP_VECTORIZE",
     "OPT", "SLP_VECTORIZE",
@@ -66,7 +69,9 @@ def exact(function: Callable[..., Any]) -> Any:
     return numba.njit(**FLAGS, forceinline=True, fastmath=False)(function)
 
 
-section = scalar
+def section(function: Callable[..., Any]) -> Any:
+    """Compile a loop over lanes, inlined into its kernel; no Python calls it."""
+    return numba.njit(**_OF_SECTION, forceinline=True, fastmath={"contract"})(function)
 
 
 def kernel(function: Callable[..., Any]) -> Any:

@@ -34,17 +34,15 @@ def assembly_of(name):
     from numba import types as T
 
     from fastcoil.model.engine import controller, metrics, plant
-    from fastcoil.model.engine import plant as stem
 
     f, i, b, A = T.float64, T.int64, T.boolean, T.Array(T.float64, 1, "C")
-    every = controller.Control(*(True for _ in controller.PLAIN))
     section, signature = {
         "control, all parts": (
-            lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, every),
+            controller.control_of(controller.Control(*(True for _ in controller.PLAIN))),
             (A, i, f, f, b, f),
         ),
-        "actuate with zones and slips": (stem.actuate, (A, b, *map(T.literal, (1, 1, 1, 0)))),
-        "actuate with wear": (stem.actuate, (A, b, *map(T.literal, (0, 0, 0, 1)))),
+        "actuate with zones and slips": (plant.actuate_of(plant.Stem(True, True, True, False)), (A, b)),
+        "actuate with wear": (plant.actuate_of(plant.Stem(wears=True)), (A, b)),
         "deliver": (plant.deliver, (A, b)),
         "air_side": (plant.air_side, (A, f)),
         "march_water": (plant.march_water, (A, A, i, b, T.Array(b, 1, "C"))),

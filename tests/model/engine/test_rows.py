@@ -4,12 +4,14 @@ import ast
 import inspect
 from itertools import pairwise
 
+import numba
 import numpy as np
 import pytest
 
 from fastcoil.model.engine import controller, recorded, rows
 from fastcoil.model.engine.lanes import blocks, parameter_matrix, work_space
-from fastcoil.model.engine.rows import LANES, SUM_ROWS, R, derive, reset_sums, set_initial_state
+from fastcoil.model.engine.rows import LANES, ROWS, SUM_ROWS, R
+from fastcoil.model.numerics.jit import FLAGS
 from fastcoil.model.parameter_table import PARAMETERS
 
 GROUPS = (rows.PARAMETER_ROWS, rows.DERIVED_ROWS, rows.STATE_ROWS, rows.SUM_ROWS)
@@ -25,17 +27,19 @@ def block():
 
 def test_groups_follow_one_another_and_name_every_row_once():
     names = [name for group in GROUPS for name in group]
-    assert list(R._fields) == names
+    assert list(ROWS) == names
     assert len(set(names)) == len(names)
-    assert {after - before for before, after in pairwise(R)} == {LANES}
-    assert R[-len(SUM_ROWS)] == rows.SUMS_AT == getattr(R, rows.SUM_ROWS[0])
+    assert {after - before for before, after in pairwise(getattr(R, name) for name in names)} == {LANES}
+    assert rows.SUMS_AT == getattr(R, rows.SUM_ROWS[0])
     assert getattr(R, rows.STATE_ROWS[0]) == rows.STATE_AT
 
 
 @pytest.mark.kernel
 def test_each_group_is_filled_by_its_own_function_alone(block):
     """So that a later day could start with fresh sums from the state of the one before."""
-    edges = [0, rows.STATE_AT, rows.SUMS_AT, len(R) * LANES]
+    edges = [0, rows.STATE_AT, rows.SUMS_AT, len(ROWS) * LANES]
+    sections = (rows.derive, rows.set_initial_state, rows.reset_sums)
+    derive, set_initial_state, reset_sums = (numba.njit(**FLAGS)(section.py_func) for section in sections)
     fill = (
         lambda S: derive(S, block.rows, block.common.n_volumes),
         lambda S: set_initial_state(S, False),
