@@ -27,7 +27,8 @@ from fastcoil.model.user_rules import refuse_other_code
 from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.folder import StudyFolder, hold
-from fastcoil.study.folder.results import Computed, is_current, is_of, merge, study_attributes
+from fastcoil.study.folder.merged import merge
+from fastcoil.study.folder.results import Computed, is_current, is_of, study_attributes
 from fastcoil.study.folder.stored import WORDS, Environment, Manifest, Shards, finished_manifest, reworded
 from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
 
