@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import warnings
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -19,7 +20,7 @@ from fastcoil.base.arrays import pieces_of
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
 from fastcoil.base.files import exists, is_file, is_folder
-from fastcoil.base.machine import command_line
+from fastcoil.base.machine import available_memory, command_line, gib
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import try_reading
 from fastcoil.loops.plan import Plan, simulation_attributes
@@ -76,6 +77,13 @@ def open_study(folder: str | Path) -> xr.Dataset:
     return store.settled(lambda: _open(store))
 
 
+def open_metrics(folder: Path) -> xr.Dataset:
+    """Open the results of a study without traces, which of an unfinished one would be loaded; raises as it does."""
+    store = StudyFolder(folder)
+    ds = store.settled(lambda: _open(store, TRACES))
+    return ds.drop_vars(TRACES, errors="ignore")
+
+
 def open_finished(folder: Path) -> xr.Dataset:
     """Open the results of a finished study; ``InputError`` if scenarios are missing, the rest as ``open_study``."""
     ds = open_study(folder)
@@ -106,7 +114,7 @@ def open_results(path: Path) -> xr.Dataset:
     return ds
 
 
-def _open(store: StudyFolder) -> xr.Dataset:
+def _open(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
     manifest = store.require_manifest()
     has_shards = Shards(store.path, manifest.key).any()
     if store.has_results:
@@ -119,7 +127,14 @@ def _open(store: StudyFolder) -> xr.Dataset:
     elif not has_shards:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
     study = store.read_study(manifest)
-    parts = Computed.find(store, study, manifest).parts(quarantine=False)
+    if study.plan.trace_bytes > available_memory() and not leave_out:
+        warnings.warn(
+            f"{store.path} is unfinished, and its traces, {gib(study.plan.trace_bytes)}, do not fit into memory: they "
+            "are left out",
+            stacklevel=4,
+        )
+        leave_out = TRACES
+    parts = Computed.find(store, study, manifest).parts(leave_out, quarantine=False)
     ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
@@ -259,15 +274,18 @@ class Computed:
             raise IntegrityError("\n".join(problems))
         return cls(study, shards, results if match[1].size else None, *match)
 
-    def survey(self) -> tuple[np.ndarray, list[dict[str, str]]]:
-        """Flat indices of the missing scenarios, and where the others were computed; damaged shards are set aside."""
+    def survey(self, own: np.ndarray | None = None) -> tuple[np.ndarray, list[dict[str, str]]]:
+        """Flat indices of the missing scenarios, and where the others were computed; damaged shards are set aside.
+
+        own: only these scenarios and the shards that begin with one of them, while others write the rest.
+        """
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.new] = True
         environments = [] if self.earlier is None else environments_of(self.earlier)
-        for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
+        for part in self.shards.read(quarantine=own is None, leave_out={*METRICS, *TRACES}, own=own):
             done[part["scenario"].values] = True
             environments += [each for each in environments_of(part) if each not in environments]
-        return np.flatnonzero(~done), environments
+        return np.flatnonzero(~done) if own is None else own[~done[own]], environments
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """All parts, without the variables ``leave_out``: the earlier results and the shards.
