@@ -94,12 +94,29 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
     make it hang.
     """
     if isinstance(source, (str, Path)):
-        return netCDF4.Dataset(str(source))
-    return netCDF4.Dataset("in memory", memory=source)
+        return _opened(str(source))
+    return _opened("in memory", memory=source)
 
 
-def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
+def _opened(name: str, **options: Any) -> netCDF4.Dataset:
+    """Open a file with the lock held; its variables, each read or written in one go, need no large caches."""
+    size, n, preemption = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(_CACHE, n, preemption)
+    try:
+        return netCDF4.Dataset(name, **options)
+    finally:
+        netCDF4.set_chunk_cache(size, n, preemption)
+
+
+def load(
+    source: str | Path | bytes,
+    leave_out: Collection[str] = (),
+    most: float = math.inf,
+    later: "Callable[[TraceLayout], xr.Dataset]" = lambda layout: xr.Dataset(),
+) -> xr.Dataset:
     """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything.
+
+    most, later: of a file with more bytes, the results are those that ``later`` opens by their layout.
 
     ``MemoryError`` if it takes more than is available: a small file may hold a large array of one value.
     """
@@ -109,9 +126,14 @@ def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Data
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds = xr.open_dataset(stored, drop_variables=list(leave_out), **AS_STORED)
             ds.set_close(None)  # the caller gets it with the file closed
+            names = [*ds.data_vars]
+            large = [n for n in names if ds[n].dtype.kind == "f"] if ds.nbytes > most else []
+            layout, ds = layout_of((n, ds.variables[n]) for n in large), ds.drop_vars(large)
             if ds.nbytes > available_memory():
                 raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
-            return with_complete_coordinates(with_times(ds.load()))
+            ds = with_complete_coordinates(with_times(ds.load()))
+            found = {**ds.variables, **later(layout).variables}
+            return xr.Dataset({n: found[n] for n in names}, ds.coords, ds.attrs)
         finally:
             close(file)
 
@@ -126,7 +148,7 @@ def _written(
 ) -> Any:
     ds = with_numbers(ds.compute())  # values may be in another file, behind the same lock
     with NETCDF4_PYTHON_LOCK:
-        file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
+        file = _opened(name, mode=mode, format="NETCDF4", **options)
     try:
         with NETCDF4_PYTHON_LOCK:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
@@ -146,6 +168,7 @@ def _written(
         return close(file)
 
 
+_CACHE = 2**20  # bytes of a variable
 _CHUNK, _ALONG_TIME, _SLAB = 2**17, 2**10, 2**23
 """Values of a chunk, and of these along time if there are several scenarios; values written at a time."""
 Slabs = Iterable[tuple[tuple[slice, ...], np.ndarray]]
@@ -158,7 +181,7 @@ def slabs_of(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...
     A chunk has neighbouring scenarios over a part of the time, so that neither one scenario at all times nor all
     scenarios at one time need the whole file.
     """
-    *volumes, n_points = shape[n_dims:]
+    *volumes, n_points = shape[n_dims:] or (1,)
     of_point = math.prod(volumes)
     most = min(_CHUNK // (of_point * min(n_points, _ALONG_TIME)), _SLAB // (of_point * n_points))
     slabs = list(pieces_of(shape[:n_dims], max(1, most)))
@@ -278,10 +301,10 @@ class StoredFile:
             )
         return found
 
-    def load(self) -> xr.Dataset:
-        """Read all of it; raises as ``check``."""
+    def load(self, most: float = math.inf) -> xr.Dataset:
+        """Read it; of more than ``most`` bytes, results when their values are needed; raises as ``check``."""
         with self._readable():
-            return load(self.path)
+            return load(self.path, (), most, lambda layout: open_lazily(self, layout))
 
     def read(self, name: str, shape: tuple[int, ...], key: Any) -> np.ndarray:
         """Read a part of a variable that has a ``shape``; raises as ``check``."""
@@ -364,7 +387,7 @@ def try_reading(path: Path, cure: str) -> StoredFile:
 # ------------------------------------------------------------------------------------------------- traces on demand
 
 
-def layout_of(variables: Iterable[tuple[str, xr.Variable]]) -> dict[str, Any]:
+def layout_of(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
     """Describe variables, so that they can be offered before their file is opened; all of it is valid JSON."""
     return {
         name: {

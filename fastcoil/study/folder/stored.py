@@ -54,6 +54,7 @@ _FOLDER_FORMAT = 2
 """Of the folder; no other one is read."""
 _CHECKSUM = "sha256"
 _LARGEST = 2**20  # bytes of ``run.json``
+_MOST_METRICS = 2**28  # bytes; more, as of two million scenarios, stay on the disk as traces do
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged final file, by whether it has the results."""
 
@@ -271,7 +272,7 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     path = folder / RESULTS
     if not exists(path):
         raise InputError(f"{path} does not exist: run the study first")
-    ds = _stored(path, manifest).load()
+    ds = _stored(path, manifest).load(_MOST_METRICS)
     try:
         later = int(ds.attrs.get("fastcoil_format", 0)) > FORMAT
         damaged = not later and ds.attrs.get("content_sha256") != combined_sha256(ds)
