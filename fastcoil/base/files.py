@@ -131,7 +131,8 @@ def commit_written(
 
     record: called with the temporary name after the file is on disk and before it is renamed to ``path``.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
+    # two machines that share the folder may have the same process number
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}-{os.urandom(3).hex()}{UNFINISHED}")
     try:
         with storage_errors(path, "written"):
             with _reveal_reason(unfinished):

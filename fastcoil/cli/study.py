@@ -42,22 +42,28 @@ if TYPE_CHECKING:
 @click.option("--backend", default="threads", show_default=True, help="threads, loky (processes) or dask.")
 @click.option("--scheduler", help="Address of the scheduler of a dask cluster.")
 @click.option("--extend", is_flag=True, help="Extend a smaller version of the study: only new scenarios are run.")
+@click.option("--shard", metavar="K/N", help="Run only share K of N, for job arrays; a run without it merges them.")
 @click.option("--figures/--no-figures", default=True, help="Whether to draw the standard figures.")
 def run(
-    study: Path, out: Path | None, jobs: int | None, backend: str, scheduler: str | None, extend: bool, figures: bool
-) -> None:
+    study: Path, out: Path | None, jobs: int | None, backend: str, scheduler: str | None, extend: bool,
+    shard: str | None, figures: bool,
+) -> None:  # fmt: skip
     """Run a STUDY file and summarise the results.
 
     An interrupted study is resumed; a finished one is not run again.
     """
     from fastcoil.base.progress import Shown
+    from fastcoil.loops.plan import Share
     from fastcoil.model.metric_table import STATUS_OK
     from fastcoil.study.analysis.summary import summary
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.folder.stored import RESULTS
-    from fastcoil.study.run import SCENARIO_DAYS, Finished, default_folder, execute
+    from fastcoil.study.run import SCENARIO_DAYS, Finished, default_folder, execute, execute_share
 
     folder = out or default_folder(study)
+    share = Share.parse(shard) if shard is not None else None
+    if share and extend:
+        raise InputError("--shard and --extend: an extension is one run, leave one of them out")
     asked = read_study(study, prepare=run_own_code)
 
     def progress(n_todo: int, n: int, what: str) -> Advance:
@@ -76,6 +82,17 @@ def run(
             for path in draw_standard_figures(folder, finished.results):
                 say(f"Figure:  {path}")
 
+    if share:
+        with interruptible(study, folder, options=["--shard", str(shard)]), Shown() as shown:
+            n_run = execute_share(
+                asked, folder, share, n_jobs=jobs, backend=backend, scheduler=scheduler, progress=progress
+            )
+        if n_run is None:
+            say(f"{folder} holds this study, finished: nothing to do.")
+            return
+        merge = command_line(["fastcoil", "run", str(study), "-o", str(folder)])
+        say(f"Share {shard} is finished: {n_run:,} {SCENARIO_DAYS} run now.  When all are, to merge them: {merge}")
+        return
     with interruptible(study, folder), Shown() as shown:
         finished = execute(
             asked, folder, n_jobs=jobs, backend=backend, scheduler=scheduler, extend=extend, progress=progress,

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
@@ -66,9 +66,9 @@ class Terminated(KeyboardInterrupt):
 
 
 @contextmanager
-def interruptible(study: Path, folder: Path, verb: str = "run") -> Iterator[None]:
+def interruptible(study: Path, folder: Path, verb: str = "run", options: Sequence[str] = ()) -> Iterator[None]:
     """Handle SIGTERM and SIGHUP like Ctrl-C, print how to resume, and end within a few seconds."""
-    command = command_line(["fastcoil", verb, str(study), "-o", str(folder)])
+    command = command_line(["fastcoil", verb, str(study), "-o", str(folder), *options])
 
     def advice() -> str:
         return f"; finished scenarios are kept, to resume: {command}" if (folder / f"{verb}.json").exists() else ""

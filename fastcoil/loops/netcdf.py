@@ -11,11 +11,12 @@ end by a child process.  Traces are read on demand.
 
 import hashlib
 import json
+import math
 import os
 import stat
 import subprocess
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,6 +30,7 @@ from xarray.backends import BackendArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 from xarray.core import indexing
 
+from fastcoil.base.arrays import pieces_of
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import commit_written, storage_errors
 from fastcoil.base.machine import IS_POSIX, available_memory, gib
@@ -61,7 +63,7 @@ def close(file: netCDF4.Dataset) -> Any:
 
 def netcdf_bytes(ds: xr.Dataset) -> bytes | memoryview:
     """The Dataset as an uncompressed NetCDF file in memory: a killed writer leaves no file that opens."""
-    return _written(ds, "in memory", "w", {}, memory=0)  # type: ignore[no-any-return]
+    return _written(ds, "in memory", "w", {}, lambda file: None, memory=0)  # type: ignore[no-any-return]
 
 
 def save(ds: xr.Dataset, path: Path) -> None:
@@ -72,12 +74,17 @@ def save(ds: xr.Dataset, path: Path) -> None:
     commit_written(path, lambda unfinished: write(ds, unfinished, mode="w"))
 
 
-def write(ds: xr.Dataset, path: Path, mode: Literal["w", "a"]) -> None:
-    """Write or append to an unpublished file, without a copy of it in memory."""
+def write(
+    ds: xr.Dataset,
+    path: Path,
+    mode: Literal["w", "a"],
+    then: Callable[[netCDF4.Dataset], object] = lambda file: None,
+) -> None:
+    """Write or append to an unpublished file, without a copy of it in memory; ``then`` goes on writing, unlocked."""
     large = {n for n, v in ds.variables.items() if v.dtype.kind in "fi" and v.ndim and v.size > LARGE}
     with_complete_coordinates(ds)
     encoding = {n: COMPRESSION | {k: v for k, v in ds[n].encoding.items() if k == "_FillValue"} for n in large}
-    _written(ds, str(path), mode, encoding)
+    _written(ds, str(path), mode, encoding, then)
 
 
 def parse(source: str | Path | bytes) -> netCDF4.Dataset:
@@ -87,12 +94,29 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
     make it hang.
     """
     if isinstance(source, (str, Path)):
-        return netCDF4.Dataset(str(source))
-    return netCDF4.Dataset("in memory", memory=source)
+        return _opened(str(source))
+    return _opened("in memory", memory=source)
 
 
-def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Dataset:
+def _opened(name: str, **options: Any) -> netCDF4.Dataset:
+    """Open a file with the lock held; its variables, each read or written in one go, need no large caches."""
+    size, n, preemption = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(_CACHE, n, preemption)
+    try:
+        return netCDF4.Dataset(name, **options)
+    finally:
+        netCDF4.set_chunk_cache(size, n, preemption)
+
+
+def load(
+    source: str | Path | bytes,
+    leave_out: Collection[str] = (),
+    most: float = math.inf,
+    later: "Callable[[TraceLayout], xr.Dataset]" = lambda layout: xr.Dataset(),
+) -> xr.Dataset:
     """Read a file as ``parse`` opens it, without the variables ``leave_out``; damage may raise anything.
+
+    most, later: of a file with more bytes, the results are those that ``later`` opens by their layout.
 
     ``MemoryError`` if it takes more than is available: a small file may hold a large array of one value.
     """
@@ -102,30 +126,87 @@ def load(source: str | Path | bytes, leave_out: Collection[str] = ()) -> xr.Data
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds = xr.open_dataset(stored, drop_variables=list(leave_out), **AS_STORED)
             ds.set_close(None)  # the caller gets it with the file closed
+            names = [*ds.data_vars]
+            large = [n for n in names if ds[n].dtype.kind == "f"] if ds.nbytes > most else []
+            layout, ds = layout_of((n, ds.variables[n]) for n in large), ds.drop_vars(large)
             if ds.nbytes > available_memory():
                 raise MemoryError(f"its values take {gib(ds.nbytes)}, {gib(available_memory())} are available")
-            return with_complete_coordinates(with_times(ds.load()))
+            ds = with_complete_coordinates(with_times(ds.load()))
+            found = {**ds.variables, **later(layout).variables}
+            return xr.Dataset({n: found[n] for n in names}, ds.coords, ds.attrs)
         finally:
             close(file)
 
 
-def _written(ds: xr.Dataset, name: str, mode: Literal["w", "a"], encoding: Any, **options: Any) -> Any:
+def _written(
+    ds: xr.Dataset,
+    name: str,
+    mode: Literal["w", "a"],
+    encoding: Any,
+    then: Callable[[netCDF4.Dataset], object],
+    **options: Any,
+) -> Any:
     ds = with_numbers(ds.compute())  # values may be in another file, behind the same lock
     with NETCDF4_PYTHON_LOCK:
-        file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
-        try:
+        file = _opened(name, mode=mode, format="NETCDF4", **options)
+    try:
+        with NETCDF4_PYTHON_LOCK:
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds.dump_to_store(stored, encoding=encoding)
-            if not options:  # a failing write raises in sync; in close it would crash the library
+        then(file)
+        if not options:  # a failing write raises in sync; in close it would crash the library
+            with NETCDF4_PYTHON_LOCK:
                 file.sync()
-        except (OSError, RuntimeError):
-            abandoned.append(file)
-            raise
-        except BaseException:
-            with suppress(RuntimeError):  # the first error is the one to report
-                close(file)
-            raise
+    except (OSError, RuntimeError):
+        abandoned.append(file)
+        raise
+    except BaseException:
+        with NETCDF4_PYTHON_LOCK, suppress(RuntimeError):  # the first error is the one to report
+            close(file)
+        raise
+    with NETCDF4_PYTHON_LOCK:
         return close(file)
+
+
+_CACHE = 2**20  # bytes of a variable
+_CHUNK, _ALONG_TIME, _SLAB = 2**17, 2**10, 2**23
+"""Values of a chunk, and of these along time if there are several scenarios; values written at a time."""
+Slabs = Iterable[tuple[tuple[slice, ...], np.ndarray]]
+"""Parts of an array, in C order, and their values."""
+
+
+def slabs_of(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...]], tuple[int, ...]]:
+    """How a trace is written and compressed: the slabs of scenarios, over the first ``n_dims`` dims; a chunk.
+
+    A chunk has neighbouring scenarios over a part of the time, so that neither one scenario at all times nor all
+    scenarios at one time need the whole file.
+    """
+    *volumes, n_points = shape[n_dims:] or (1,)
+    of_point = math.prod(volumes)
+    most = min(_CHUNK // (of_point * min(n_points, _ALONG_TIME)), _SLAB // (of_point * n_points))
+    slabs = list(pieces_of(shape[:n_dims], max(1, most)))
+    sizes = [piece.stop - piece.start for piece in slabs[0]]
+    along_time = min(n_points, max(1, _CHUNK // (of_point * math.prod(sizes))))
+    return slabs, (*sizes, *volumes, along_time)
+
+
+def append_slabs(file: netCDF4.Dataset, name: str, like: xr.Variable, chunk: Sequence[int], slabs: Slabs) -> None:
+    """Append a variable to an open file, slab by slab; these may come from other files, and no lock may be held.
+
+    like: a variable with its dims, shape, type and attributes.
+    """
+    with NETCDF4_PYTHON_LOCK:
+        for dim, size in like.sizes.items():
+            if dim not in file.dimensions:
+                file.createDimension(str(dim), size)
+        nothing = np.nan if like.dtype.kind == "f" else None
+        how: Any = COMPRESSION | {"chunksizes": chunk, "fill_value": nothing}
+        variable = file.createVariable(name, like.dtype, map(str, like.dims), **how)
+        variable.setncatts(like.attrs)
+        variable.set_auto_maskandscale(False)
+    for key, values in slabs:
+        with NETCDF4_PYTHON_LOCK:
+            variable[key] = values
 
 
 def with_complete_coordinates(ds: xr.Dataset) -> xr.Dataset:
@@ -135,6 +216,8 @@ def with_complete_coordinates(ds: xr.Dataset) -> xr.Dataset:
     return ds
 
 
+ALONG_TRACES = ("volume", "elapsed_time")
+"""Dims of a trace after those of scenarios."""
 CLOCK = ("start", "time")
 """Coordinates of a result whose boundary has a start."""
 _STORED = {"units": "seconds since 1970-01-01 00:00:00", "calendar": "standard"}
@@ -218,10 +301,10 @@ class StoredFile:
             )
         return found
 
-    def load(self) -> xr.Dataset:
-        """Read all of it; raises as ``check``."""
+    def load(self, most: float = math.inf) -> xr.Dataset:
+        """Read it; of more than ``most`` bytes, results when their values are needed; raises as ``check``."""
         with self._readable():
-            return load(self.path)
+            return load(self.path, (), most, lambda layout: open_lazily(self, layout))
 
     def read(self, name: str, shape: tuple[int, ...], key: Any) -> np.ndarray:
         """Read a part of a variable that has a ``shape``; raises as ``check``."""
@@ -304,7 +387,7 @@ def try_reading(path: Path, cure: str) -> StoredFile:
 # ------------------------------------------------------------------------------------------------- traces on demand
 
 
-def layout_of(variables: Iterable[tuple[str, xr.Variable]]) -> dict[str, Any]:
+def layout_of(variables: Iterable[tuple[Any, xr.Variable]]) -> dict[str, Any]:
     """Describe variables, so that they can be offered before their file is opened; all of it is valid JSON."""
     return {
         name: {
@@ -326,8 +409,11 @@ def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
         lazy: Any = indexing.LazilyIndexedArray(array)
         lazy = indexing.CopyOnWriteArray(indexing.MemoryCachedArray(lazy))  # type: ignore[no-untyped-call, arg-type]
         attrs = {k: v if isinstance(v, str) else np.asarray(v) for k, v in described["attrs"].items()}
-        encoding = dict(COMPRESSION) if np.prod(array.shape) > LARGE else {}
-        variables[name] = xr.Variable(described["dims"], lazy, attrs, encoding)
+        variables[name] = xr.Variable(described["dims"], lazy, attrs, dict(COMPRESSION))
+        slabs, _ = slabs_of(array.shape, sum(dim not in ALONG_TRACES for dim in described["dims"]))
+        whole = dict(zip(variables[name].dims, array.shape, strict=True))
+        slab = {dim: piece.stop - piece.start for dim, piece in zip(whole, slabs[0], strict=False)}
+        variables[name].encoding["preferred_chunks"] = whole | slab
     return xr.Dataset(variables)
 
 

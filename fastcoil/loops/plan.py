@@ -5,6 +5,7 @@ shard is some lanes (one loop and replicate each) on all days from the first on.
 """
 
 import json
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -314,6 +315,31 @@ class Shard:
     def halves(self) -> "list[Shard]":
         """Two groups of its lanes."""
         return [replace(self, lanes=half) for half in np.array_split(self.lanes, 2)]
+
+
+@dataclass(frozen=True)
+class Share:
+    """The ``k``-th of ``n`` shares of the scenarios of a study, counted from 1, which different machines run."""
+
+    k: int
+    n: int
+
+    @classmethod
+    def parse(cls, text: str) -> "Share":
+        """Read ``K/N``."""
+        words = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+        if words is None or not 1 <= int(words[1]) <= int(words[2]):
+            raise InputError(f"--shard {text}: give K/N, the K-th of N shares, such as 1/8 to 8/8")
+        return cls(int(words[1]), int(words[2]))
+
+    def __str__(self) -> str:
+        return f"{self.k}-of-{self.n}"
+
+    def index(self, plan: Plan) -> np.ndarray:
+        """Flat indices of its scenarios, ascending: neighbours, or of days in sequence some lanes on all days."""
+        whole = plan.n_a_day if plan.carry_over else plan.n_scenarios
+        some = np.arange(whole * (self.k - 1) // self.n, whole * self.k // self.n)
+        return Shard(some, whole, 0, len(plan.days)).index if plan.carry_over else some
 
 
 def shards_of(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> list[Shard]:

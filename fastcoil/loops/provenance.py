@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arrays import pieces_of
 from fastcoil.base.machine import VERSION
 from fastcoil.loops.netcdf import encoded
 from fastcoil.model.numerics.jit import compiled_for
@@ -24,7 +25,7 @@ VOLATILE = (
     "own_code",
 )  # fmt: skip
 """Attributes that may differ between two runs with the same content."""
-_HASHED_AT_ONCE = 2**20  # values; bounds the memory that hashing takes
+_READ_AT_ONCE, _HASHED_AT_ONCE = 2**23, 2**20  # values; these bound the memory that hashing takes
 
 
 def content_sha256(ds: xr.Dataset) -> str:
@@ -49,18 +50,31 @@ def combined_sha256(ds: xr.Dataset, variables: Mapping[str, str] | None = None) 
 
 def variable_sha256(variable: xr.Variable) -> str:
     """Hash of a variable's dims, values and attributes; a variable on disk is read piece by piece."""
-    digest = hashlib.sha256(f"{variable.dims} {variable.shape}\n".encode())
-    rows = variable.shape[0] if variable.ndim else 1
-    step = max(1, _HASHED_AT_ONCE * rows // max(1, variable.size))
-    for start in range(0, rows, step):
-        values = encoded(variable if step >= rows else variable[start : start + step]).values
-        if values.dtype.kind in "OUS":
-            digest.update("".join(f"{v}\0" for v in values.ravel()).encode())
-        else:
-            # one NaN is as good as another, and integers may come back in another width
-            digest.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
-    _hash_attrs(digest, variable.attrs)
-    return digest.hexdigest()
+    digest = VariableHash(variable.dims, variable.shape)
+    for piece in pieces_of(variable.shape, _READ_AT_ONCE):
+        digest.update(encoded(variable[piece]).values)
+    return digest.hexdigest(variable.attrs)
+
+
+class VariableHash:
+    """``variable_sha256`` of values that come piece by piece, in C order."""
+
+    def __init__(self, dims: tuple[Any, ...], shape: tuple[int, ...]) -> None:
+        self._digest = hashlib.sha256(f"{dims} {shape}\n".encode())
+
+    def update(self, values: np.ndarray) -> None:
+        flat = values.ravel()
+        for start in range(0, flat.size, _HASHED_AT_ONCE):
+            some = flat[start : start + _HASHED_AT_ONCE]
+            if some.dtype.kind in "OUS":
+                self._digest.update("".join(f"{v}\0" for v in some).encode())
+            else:
+                # one NaN is as good as another, and integers may come back in another width
+                self._digest.update(np.where(np.isnan(some), np.nan, some).astype("<f8").tobytes())
+
+    def hexdigest(self, attrs: Mapping[str, Any]) -> str:
+        _hash_attrs(self._digest, attrs)
+        return self._digest.hexdigest()
 
 
 def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:

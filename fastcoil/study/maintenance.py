@@ -19,7 +19,7 @@ from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.clashes import unread_values
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.netcdf import save
-from fastcoil.loops.plan import Plan, Shard, plan_simulation, simulation_attributes
+from fastcoil.loops.plan import Plan, Shard, Share, plan_simulation, simulation_attributes
 from fastcoil.loops.presets import PRESETS
 from fastcoil.loops.provenance import provenance
 from fastcoil.loops.scenarios import Layout, clock_coordinates, coordinate_attrs
@@ -34,8 +34,8 @@ from fastcoil.study.analysis.selected import listed, selected
 from fastcoil.study.archive import archive_problems
 from fastcoil.study.file.own_code import Source, load
 from fastcoil.study.file.spec import read_study
-from fastcoil.study.folder.folder import StudyFolder, find_holder, hold
-from fastcoil.study.folder.results import is_current, open_study, problems_of_folder
+from fastcoil.study.folder.folder import StudyFolder, find_holder, hold, running_shares
+from fastcoil.study.folder.results import is_current, open_metrics, problems_of_folder
 from fastcoil.study.folder.stored import Manifest
 
 RERUNS = "reruns"
@@ -46,16 +46,19 @@ def status(folder: Path) -> list[str]:
     store = StudyFolder(folder)
     holder = find_holder(folder)
     running = [f"It is being run by {holder}."] if holder else []
+    shares = running_shares(folder)
+    held = [share.replace("-of-", "/") for share, holder in shares.items() if holder]
+    if held:
+        running.append(f"Shares that are being run: {listed(held)}.")
     try:
-        manifest, ds = store.require_manifest(), open_study(folder)
+        manifest, ds = store.require_manifest(), open_metrics(folder)
     except InputError:  # no shard is finished
         if not running and Manifest.read(folder) is None:
             raise
         return ["Nothing is finished yet.", *running]
     found = {word: int((ds["status"].values == k).sum()) for k, word in enumerate(STATUS_MEANINGS)}
     n, left, precision = ds["status"].size, found["not_run"], precision_of(ds)
-    merged = "content_sha256" in ds.attrs
-    unfinished = left or not merged or (precision is not None and not precision.is_enough(ds))
+    unfinished = left or "content_sha256" not in ds.attrs or (precision is not None and not precision.is_enough(ds))
     words = ", ".join(f"{count:,} {word}" for word, count in found.items() if count)
     lines = [
         str(ds.attrs["title"]),
@@ -64,6 +67,12 @@ def status(folder: Path) -> list[str]:
     ]
     if not is_model(manifest.model_sha256):
         lines.append("The sources of the model have changed since: a new run computes everything again.")
+    if shares and left:
+        plan, missing = store.read_study(manifest).plan, ds["status"].values.ravel() == STATUS_NOT_RUN
+        for n in sorted({int(share.partition("-of-")[2]) for share in shares}):
+            due = [f"{k}/{n}" for k in range(1, n + 1) if missing[Share(k, n).index(plan)].any()]
+            due = [share for share in due if share not in held]
+            running.append(f"Of {n} shares {len(due)} are to be run{': ' * bool(due)}{listed(due)}.")
     resume = f"To resume: {command_line(['fastcoil', 'run', 'STUDY.toml', '-o', str(folder)])}"
     return [*lines, *running, *([resume] if unfinished else [])]
 
@@ -147,7 +156,7 @@ def _compare_with_stored(store: StudyFolder, ds: xr.Dataset, position: Mapping[s
     off = np.isnan(rmse) and int(ds["status"]) == STATUS_OK
     words = [f"{'no rmse, the loop was off' if off else f'rmse {rmse:.4g} K'}, status {word}"]
     try:
-        results = open_study(store.path)
+        results = open_metrics(store.path)
     except InputError:
         return words
     stored = results.isel(position)

@@ -17,7 +17,7 @@ from fastcoil.base.errors import InputError, IntegrityError
 from fastcoil.base.files import storage_errors
 from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.clashes import tell_limited
-from fastcoil.loops.plan import check_disk, check_workers, shards_of
+from fastcoil.loops.plan import Share, check_disk, check_workers, shards_of
 from fastcoil.loops.provenance import environments_of
 from fastcoil.loops.scenarios import check_same_form
 from fastcoil.loops.simulate import workers
@@ -27,7 +27,8 @@ from fastcoil.model.user_rules import refuse_other_code
 from fastcoil.study.file.own_code import load, load_rules
 from fastcoil.study.file.spec import Study, read_study
 from fastcoil.study.folder.folder import StudyFolder, hold
-from fastcoil.study.folder.results import Computed, is_current, is_of, merge, study_attributes
+from fastcoil.study.folder.merged import merge
+from fastcoil.study.folder.results import Computed, is_current, is_of, study_attributes
 from fastcoil.study.folder.stored import WORDS, Environment, Manifest, Shards, finished_manifest, reworded
 from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
 
@@ -165,6 +166,43 @@ def execute(
     return finished
 
 
+def execute_share(
+    study: Study,
+    folder: Path,
+    share: Share,
+    *,
+    n_jobs: int | None = None,
+    backend: str = "threads",
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> int | None:
+    """Run a share of a study into ``folder``, where others run the rest; ``execute`` merges them.
+
+    Returns the number of scenarios that it ran, ``None`` if the study is finished there.
+    """
+    n_jobs = workers(n_jobs)
+    check_backend(backend, scheduler)
+    if study.precision is not None:
+        raise InputError(
+            "--shard: how many samples a study with [run] precision draws depends on all results: run it without"
+        )
+    with storage_errors(folder, "found"):
+        store = StudyFolder(folder.absolute())
+    plan, own = study.plan, share.index(study.plan)
+    of_share = progress and (lambda n_missing, n, what: progress(n_missing, own.size, what))
+    with hold(store.path, str(share)):
+        load_rules(plan.layout.loop.rules, study.rules)
+        work = _decide(study, store, extend=False, own=own)
+        if not isinstance(work, tuple):
+            return None
+        *_, missing = work
+        if missing.size:
+            needed = plan.disk_bytes(traces_kept=study.reduction is None) * missing.size // plan.n_scenarios
+            check_disk(needed, store.path)
+            _run_missing(study, store, work, (backend, n_jobs, scheduler), of_share, SCENARIO_DAYS)
+        return missing.size
+
+
 def _in_folder(study: Study, store: StudyFolder, extend: bool) -> Study:
     """The study with as many batches of samples as its folder has; with the fewest if it has none of them.
 
@@ -181,8 +219,11 @@ def _in_folder(study: Study, store: StudyFolder, extend: bool) -> Study:
     return found or study
 
 
-def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Dataset:
-    """What is left to do of a study in its folder, which is held; its results, if nothing is."""
+def _decide(study: Study, store: StudyFolder, extend: bool, own: np.ndarray | None = None) -> _Work | xr.Dataset:
+    """What is left to do of a study in its folder, which is held; its results, if nothing is.
+
+    own: the scenarios of a share, which alone is held.
+    """
     asked, stored = Manifest.of(study), Manifest.read(store.path)
     if stored is not None and stored.study_sha256 != asked.study_sha256:
         has_shards = Shards(store.path, stored.key).any()
@@ -199,7 +240,7 @@ def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Datase
         ds = store.open_results() if store.has_results else None
         if ds is not None and is_current(ds, asked):
             refuse_other_code(asked.own_code, json.loads(ds.attrs.get("own_code", "{}")))
-            return _put_right(study, store, ds, asked.knowing(stored))
+            return _put_right(study, store, ds, asked.knowing(stored)) if own is None else ds
         if stored is None and ds is not None and not is_of(ds, asked):
             raise store.without_manifest()
     if stored is not None and not same_model(stored.model_sha256, asked.model_sha256):
@@ -210,7 +251,9 @@ def _decide(study: Study, store: StudyFolder, extend: bool) -> _Work | xr.Datase
         refuse_other_code(asked.own_code, stored.own_code)
     manifest = asked.knowing(stored)
     computed = Computed.find(store, study, manifest)
-    missing, environments = computed.survey()
+    missing, environments = computed.survey(own)
+    if own is not None and stored is not None:  # of the other shares
+        environments += [dict(each) for each in stored.computed_on if each not in environments]
     return replace(manifest, computed_on=environments, finished=False), computed, missing
 
 
@@ -230,16 +273,11 @@ def _run_and_merge(
     study: Study, store: StudyFolder, work: _Work, asked: _Workers, progress: Progress | None, what: str
 ) -> Finished:
     """Run what is missing, shard by shard, and merge all of it."""
-    plan = study.plan
+    plan, start, (backend, n_jobs, _), (manifest, computed, missing) = study.plan, time.monotonic(), asked, work
     check_disk(plan.disk_bytes(traces_kept=study.reduction is None), store.path)
-    start, n_run, (backend, n_jobs, scheduler) = time.monotonic(), 0, asked
-    manifest, computed, missing = work
+    n_run = 0
     if missing.size:
-        if scheduler is None:
-            check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
-        n_run = sum(shard.size for shard in shards_of(plan, n_jobs, missing))
-        advance = progress(n_run, plan.n_scenarios, what) if progress else lambda n: None
-        n_jobs, manifest = _run(study, store, work, asked, advance)
+        n_run, n_jobs, manifest = _run_missing(study, store, work, asked, progress, what)
     elif not store.records(manifest, study.text):
         store.write_manifest(manifest, study.text)
     seconds = time.monotonic() - start
@@ -253,6 +291,18 @@ def _run_and_merge(
     ds = merge(store, study, manifest, computed.parts, speed)
     tell_limited(plan.layout.loop, ds)
     return Finished(store.path, ds, n_run)
+
+
+def _run_missing(
+    study: Study, store: StudyFolder, work: _Work, asked: _Workers, progress: Progress | None, what: str
+) -> tuple[int, int, Manifest]:
+    """Run what is missing: the numbers of scenarios and of workers, and the manifest."""
+    plan, (backend, n_jobs, scheduler), (*_, missing) = study.plan, asked, work
+    if scheduler is None:
+        check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
+    n_run = sum(shard.size for shard in shards_of(plan, n_jobs, missing))
+    advance = progress(n_run, plan.n_scenarios, what) if progress else lambda n: None
+    return n_run, *_run(study, store, work, asked, advance)
 
 
 def _run(

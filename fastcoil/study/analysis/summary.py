@@ -16,6 +16,7 @@ from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
 from fastcoil.study.analysis.precision import precision_of
 from fastcoil.study.analysis.selected import numeric_dims
 
+_COUNTED = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency", "status")
 PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
 
 
@@ -65,7 +66,8 @@ def cautions(ds: xr.Dataset) -> list[str]:
 
 def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """The answer of results of which not everything failed, with ``billing`` also its costs: a sentence a line."""
-    counted = without_off_days(ds)
+    # without traces, which comparisons would load, and other metrics
+    counted = without_off_days(ds[[name for name in _COUNTED if name in ds]])
     if ds["status"].size == 1:
         answer = _of_one(counted)
     elif not bool(counted["rmse"].notnull().any()):

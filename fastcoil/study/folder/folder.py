@@ -9,6 +9,7 @@
     results.nc     metrics and status, named and labelled
     traces-ID.nc   the traces, if any are asked for; ``trace_file`` in the attributes of results.nc names it
     figures/
+    .lock-K-of-N   the lock of a share that is run, or was since the last merge
 """
 
 import errno
@@ -48,10 +49,11 @@ from fastcoil.study.folder.stored import MANIFEST, RESULTS, TRACE_FILES, Manifes
 STUDY = "study.toml"
 _LOCK, _HOLDER = ".lock", ".holder"
 _LONGEST_HOLDER = 4096
-_PATIENCE, _PAUSE = 0.5, 0.01
+_PATIENCE, _PATIENCE_OF_SHARE, _PAUSE = 0.5, 10.0, 0.01
 """Seconds to try to get the lock, which a reader may hold for a moment; seconds between two trials."""
 _SETTLING = 1.0  # seconds that a run may need between two files that belong together
-_CANNOT_LOCK = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, errno.ELOOP, errno.EISDIR)
+_NO_FILE = (errno.ELOOP, errno.EISDIR)
+_CANNOT_LOCK = (errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, *_NO_FILE)
 """Answers of a file system that has no locks, and where the lock is no file."""
 Read = TypeVar("Read")
 
@@ -178,8 +180,11 @@ class StudyFolder:
 
 
 @contextmanager
-def hold(folder: Path) -> Iterator[None]:
+def hold(folder: Path, share: str = "") -> Iterator[None]:
     """Hold the folder for one writer, make it if it is missing; one made here that stays empty is removed again.
+
+    share: hold only this share of the study, such as ``2-of-8``, beside other shares.  Where the file system has no
+    locks, a share is not held: run twice at once, it is computed twice and counts once.
 
     ``InputError`` if there is a file of that name, or no folder of results can have that name.  ``LockedError`` if
     another process holds it; the operating system frees it when that process ends, however it ends.  ``StorageError``
@@ -195,15 +200,26 @@ def hold(folder: Path) -> Iterator[None]:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose another folder with -o")
         made = [p for p in (folder, *folder.parents) if not p.exists()]
-    lock = FileLock(folder / _LOCK, fallback_to_soft=False)  # a soft lock would outlive a kill
+    lock, holder = _lock(folder, share), _named(folder, _HOLDER, share)
+    noted = False
     try:
         with storage_errors(folder, "written"):
             make_folder(folder, parents=True)
-            _acquire(lock, folder)
+            _acquire(lock, folder, share, for_share=bool(share))
+            # a share and the whole look at each other's locks after they have their own: one of two sees the other
+            for other in [""] if share else _shares(folder):
+                seen = _lock(folder, other)
+                _acquire(seen, folder, other, for_share=bool(share))
+                if other:
+                    with suppress(OSError):  # of Windows, where it is open
+                        for name in (_HOLDER, _LOCK):
+                            _named(folder, name, other).unlink(missing_ok=True)
+                seen.release()
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = f"process {os.getpid()} on {platform.node()} since {now}"
-        commit(folder / _HOLDER, text.encode(errors="replace"))
-        for place in filter(is_folder, (folder, folder / FIGURES)):
+        commit(holder, text.encode(errors="replace"))
+        noted = True
+        for place in () if share else filter(is_folder, (folder, folder / FIGURES)):
             remove_unfinished(place)
         yield
     except LockedError:
@@ -211,25 +227,45 @@ def hold(folder: Path) -> Iterator[None]:
         raise
     finally:
         with suppress(OSError):  # what is left does no harm
-            if lock.is_locked:
-                (folder / _HOLDER).unlink(missing_ok=True)
-            if made and [p.name for p in folder.iterdir()] == [_LOCK]:
-                (folder / _LOCK).unlink()
+            if noted:
+                holder.unlink(missing_ok=True)
+            locks = {_named(folder, _LOCK, share), folder / _LOCK}
+            if made and {*folder.iterdir()} <= locks:
+                for path in locks:
+                    path.unlink(missing_ok=True)
         lock.release()
         with suppress(OSError):  # one that is not empty stays
             for path in made:
                 path.rmdir()
 
 
-def _acquire(lock: BaseFileLock, folder: Path) -> None:
+def _named(folder: Path, name: str, share: str) -> Path:
+    return folder / (f"{name}-{share}" if share else name)
+
+
+def _lock(folder: Path, share: str) -> BaseFileLock:
+    return FileLock(_named(folder, _LOCK, share), fallback_to_soft=False)  # a soft lock would outlive a kill
+
+
+def _shares(folder: Path) -> list[str]:
+    """The shares that were begun since the folder was last held as a whole."""
+    return [path.name.removeprefix(f"{_LOCK}-") for path in entries(folder) if path.match(f"{_LOCK}-*-of-*")]
+
+
+def _acquire(lock: BaseFileLock, folder: Path, share: str, *, for_share: bool) -> None:
+    """Get the lock of the whole folder or of a share; for a share, one that the file system does not have is missed."""
     try:
-        lock.acquire(timeout=_PATIENCE, poll_interval=_PAUSE)
+        # shares that are started together all look at the lock of the whole
+        lock.acquire(timeout=_PATIENCE_OF_SHARE if for_share and not share else _PATIENCE, poll_interval=_PAUSE)
     except Timeout:
-        holder = _describe_holder(folder) or "another run"
-        raise LockedError(f"{folder} is in use by {holder}: wait for it to end, or choose another folder") from None
+        holder = _describe_holder(folder, share) or "another run"
+        of = f"share {share.replace('-', ' ')} of " if share else ""
+        raise LockedError(f"{of}{folder} is in use by {holder}: wait for it to end, or choose another folder") from None
     except (OSError, NotImplementedError) as error:
         if isinstance(error, OSError) and error.errno not in _CANNOT_LOCK:
             raise
+        if for_share and getattr(error, "errno", None) not in _NO_FILE:
+            return
         reason = getattr(error, "strerror", None) or str(error)
         raise StorageError(
             f"{lock.lock_file} cannot be locked ({reason}), so that two runs could spoil each other's results: delete "
@@ -237,23 +273,29 @@ def _acquire(lock: BaseFileLock, folder: Path) -> None:
         ) from None
 
 
-def find_holder(folder: Path) -> str | None:
-    """Who is writing to the folder, in words, or ``None``."""
+def running_shares(folder: Path) -> dict[str, str]:
+    """Share, such as ``2-of-8`` → who is running it, in words; empty if nobody is."""
+    return {share: find_holder(folder, share) or "" for share in _shares(folder)}
+
+
+def find_holder(folder: Path, share: str = "") -> str | None:
+    """Who is writing to the folder, or running a share of its study, in words, or ``None``."""
+    lock = _lock(folder, share)
     try:
-        if not (folder / _LOCK).is_file():
+        if not Path(lock.lock_file).is_file():
             return None
-        with FileLock(folder / _LOCK, timeout=0, fallback_to_soft=False):
+        with lock.acquire(timeout=0):
             return None
     except Timeout:
-        return _describe_holder(folder)
+        return _describe_holder(folder, share)
     except (OSError, NotImplementedError):  # nothing of ours can write here
         return None
 
 
-def _describe_holder(folder: Path) -> str | None:
+def _describe_holder(folder: Path, share: str) -> str | None:
     """The note of the run that holds the folder; ``None`` without one, as of a lock that somebody looks at."""
     try:
-        text = read_bytes(folder / _HOLDER, _LONGEST_HOLDER, follow=False).decode(errors="replace")
+        text = read_bytes(_named(folder, _HOLDER, share), _LONGEST_HOLDER, follow=False).decode(errors="replace")
     except FileNotFoundError:
         return None
     except (OSError, ValueError):

@@ -1,11 +1,12 @@
-"""What has been computed of a study: opened, matched with a larger version of it, merged, checked."""
+"""What has been computed of a study: opened, matched with a larger version of it, checked."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import tempfile
-from collections.abc import Callable, Collection, Iterable, Iterator
+import math
+import warnings
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -15,27 +16,26 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import path_of
+from fastcoil.base.arrays import pieces_of
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
-from fastcoil.base.files import exists, is_file, is_folder, storage_errors
-from fastcoil.base.machine import command_line, reserve
-from fastcoil.design.prediction import predictions
+from fastcoil.base.files import exists, is_file, is_folder
+from fastcoil.base.machine import available_memory, command_line, gib
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.netcdf import layout_of, try_reading, write
+from fastcoil.loops.netcdf import try_reading
 from fastcoil.loops.plan import Plan, simulation_attributes
-from fastcoil.loops.provenance import combined_sha256, environments_of, provenance, variable_sha256
+from fastcoil.loops.provenance import environments_of, provenance
 from fastcoil.loops.scenarios import check_result, check_same_form, columns_of, join_flat, unflatten
 from fastcoil.model.engine.lanes import parameter_matrix
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, STATUS_NOT_RUN, TRACES
 from fastcoil.model.numerics.jit import same_model
 from fastcoil.model.user_rules import KINDS, refuse_other_code
 from fastcoil.study.file.spec import Study
-from fastcoil.study.folder import stored
 from fastcoil.study.folder.folder import StudyFolder, require_no_archive
 from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, Shards, find_problems
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
-_AT_ONCE = 10_000
+_KEYS_AT_ONCE, _AT_ONCE = 10_000, 2**23  # scenarios; values read of earlier results
 _MUST_AGREE = {
     "seed": "[run] seed",
     "warm_up_s": "[run] warm_up",
@@ -45,10 +45,6 @@ _MUST_AGREE = {
     "reduction_sha256": "[run] reduce",
 }
 """What a scenario depends on besides its parameters and its day: attribute and its name in messages."""
-Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
-"""Reads the flat parts of the study without the named variables, afresh at every call: they need not fit in memory
-together."""
-_LARGE = 2**24  # bytes
 
 
 # --- opened -----------------------------------------------------------------------------------------------------------
@@ -81,6 +77,13 @@ def open_study(folder: str | Path) -> xr.Dataset:
     return store.settled(lambda: _open(store))
 
 
+def open_metrics(folder: Path) -> xr.Dataset:
+    """Open the results of a study without traces, which of an unfinished one would be loaded; raises as it does."""
+    store = StudyFolder(folder)
+    ds = store.settled(lambda: _open(store, TRACES))
+    return ds.drop_vars(TRACES, errors="ignore")
+
+
 def open_finished(folder: Path) -> xr.Dataset:
     """Open the results of a finished study; ``InputError`` if scenarios are missing, the rest as ``open_study``."""
     ds = open_study(folder)
@@ -111,7 +114,7 @@ def open_results(path: Path) -> xr.Dataset:
     return ds
 
 
-def _open(store: StudyFolder) -> xr.Dataset:
+def _open(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
     manifest = store.require_manifest()
     has_shards = Shards(store.path, manifest.key).any()
     if store.has_results:
@@ -124,7 +127,14 @@ def _open(store: StudyFolder) -> xr.Dataset:
     elif not has_shards:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
     study = store.read_study(manifest)
-    parts = Computed.find(store, study, manifest).parts(quarantine=False)
+    if study.plan.trace_bytes > available_memory() and not leave_out:
+        warnings.warn(
+            f"{store.path} is unfinished, and its traces, {gib(study.plan.trace_bytes)}, do not fit into memory: they "
+            "are left out",
+            stacklevel=4,
+        )
+        leave_out = TRACES
+    parts = Computed.find(store, study, manifest).parts(leave_out, quarantine=False)
     ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
@@ -141,6 +151,31 @@ def is_of(ds: xr.Dataset, manifest: Manifest) -> bool:
     """Whether a result is of the run, complete or not, and of the same model."""
     found = (ds.attrs.get("study_sha256"), ds.attrs.get("model_sha256"))
     return found == (manifest.study_sha256, manifest.model_sha256)
+
+
+def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
+    """The attributes of the results of a study: provenance, settings, and which study it is."""
+    attrs = {
+        "title": study.title,
+        **provenance(),
+        **simulation_attributes(study.plan),
+        "summary": study.question,
+        "study_toml": study.text,
+        "study_sha256": study.sha256,
+        "model_sha256": manifest.model_sha256,
+    }
+    traces = study.plan.traces
+    if traces.names:
+        attrs["traces"] = f"{', '.join(traces.names)} every {traces.interval} s"
+    if study.reduction:
+        attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
+    if study.rules:
+        attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
+    if study.precision:
+        attrs["precision"] = study.precision.text
+    if manifest.own_code:
+        attrs["own_code"] = json.dumps(manifest.own_code)
+    return attrs
 
 
 # --- matched ----------------------------------------------------------------------------------------------------------
@@ -199,8 +234,8 @@ def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, s
     read = {name: rule.own for name, rule in loop.rules.items()}
     n = int(np.prod(list(sizes.values()), dtype=np.int64))
     keys = []
-    for start in range(0, n, _AT_ONCE):
-        columns = columns_of(loop, sizes, np.arange(start, min(start + _AT_ONCE, n)))
+    for start in range(0, n, _KEYS_AT_ONCE):
+        columns = columns_of(loop, sizes, np.arange(start, min(start + _KEYS_AT_ONCE, n)))
         rows = np.ascontiguousarray(parameter_matrix(columns).T)
         for k, (row, day) in enumerate(zip(rows, columns["day"], strict=True)):
             words = [str(columns[kind][k]) for kind in KINDS]
@@ -239,15 +274,18 @@ class Computed:
             raise IntegrityError("\n".join(problems))
         return cls(study, shards, results if match[1].size else None, *match)
 
-    def survey(self) -> tuple[np.ndarray, list[dict[str, str]]]:
-        """Flat indices of the missing scenarios, and where the others were computed; damaged shards are set aside."""
+    def survey(self, own: np.ndarray | None = None) -> tuple[np.ndarray, list[dict[str, str]]]:
+        """Flat indices of the missing scenarios, and where the others were computed; damaged shards are set aside.
+
+        own: only these scenarios and the shards that begin with one of them, while others write the rest.
+        """
         done = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         done[self.new] = True
         environments = [] if self.earlier is None else environments_of(self.earlier)
-        for part in self.shards.read(quarantine=True, leave_out={*METRICS, *TRACES}):
+        for part in self.shards.read(quarantine=own is None, leave_out={*METRICS, *TRACES}, own=own):
             done[part["scenario"].values] = True
             environments += [each for each in environments_of(part) if each not in environments]
-        return np.flatnonzero(~done), environments
+        return np.flatnonzero(~done) if own is None else own[~done[own]], environments
 
     def parts(self, leave_out: Collection[str] = (), *, quarantine: bool = True) -> Iterator[xr.Dataset]:
         """All parts, without the variables ``leave_out``: the earlier results and the shards.
@@ -256,144 +294,34 @@ class Computed:
         """
         parts = self.shards.read(quarantine=quarantine, leave_out=leave_out)
         if self.earlier is not None:
-            parts = chain([self._earlier_part(self.earlier, leave_out)], parts)
+            parts = chain(self._earlier_parts(self.earlier, leave_out), parts)
         seen = np.zeros(self.study.plan.n_scenarios, dtype=bool)
         for part in parts:
             index = part["scenario"].values
             yield part.isel(scenario=~seen[index]) if seen[index].any() else part
             seen[index] = True
 
-    def _earlier_part(self, earlier: xr.Dataset, leave_out: Collection[str]) -> xr.Dataset:
-        """The matched scenarios as a flat part; predictions are computed again for the whole study."""
-        dims = earlier["status"].dims
-        part = xr.Dataset(coords={"scenario": self.new})
-        for name, variable in earlier.data_vars.items():
-            if name not in leave_out and name not in PREDICTIONS:
+    def _earlier_parts(self, earlier: xr.Dataset, leave_out: Collection[str]) -> Iterator[xr.Dataset]:
+        """The matched scenarios as flat parts; predictions are computed again for the whole study."""
+        dims, shape = earlier["status"].dims, earlier["status"].shape
+        kept = earlier[[n for n in earlier.data_vars if n not in leave_out and n not in PREDICTIONS]]
+        of_scenario = max(1, *(v.size // earlier["status"].size for v in kept.data_vars.values()))
+        end = 0
+        for piece in pieces_of(shape, max(1, _AT_ONCE // of_scenario)):
+            block = kept.isel(dict(zip(dims, piece, strict=True)))
+            start, end = end, end + math.prod(block.sizes[d] for d in dims)
+            here = slice(*np.searchsorted(self.old, [start, end]))
+            part = xr.Dataset(coords={"scenario": self.new[here]})
+            for name, variable in block.data_vars.items():
                 values = variable.values.reshape(-1, *variable.shape[len(dims) :])
-                part[name] = (("scenario", *variable.dims[len(dims) :]), values[self.old], variable.attrs)
-        part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
-        n_volumes = self.study.plan.n_volumes  # the earlier result may have had only smaller coils
-        if "volume" in part.dims and part.sizes["volume"] < n_volumes:
-            part = part.reindex(volume=np.arange(1, n_volumes + 1))
-        return part
-
-
-# --- merged -----------------------------------------------------------------------------------------------------------
-
-
-def merge(folder: StudyFolder, study: Study, manifest: Manifest, parts: Parts, attrs: dict[str, Any]) -> xr.Dataset:
-    """Write all parts as one labelled result, its traces in a file of their own, and remove the shards.
-
-    folder, study, manifest: where, what, and the run to which the parts belong.  parts: reads the parts.  attrs:
-    further attributes of the result.  Returns what ``StudyFolder.open_results`` does.  ``IntegrityError`` if parts were
-    lost since they were written.
-    """
-    plan = study.plan
-
-    def counted(leave_out: Collection[str]) -> Iterator[xr.Dataset]:
-        left = plan.n_scenarios
-        for part in parts(leave_out):
-            left -= part.sizes["scenario"]
-            yield part
-        if left > 0:
-            raise IntegrityError(
-                f"{folder.path}: {left:,} scenarios were lost after they had been run: run the study again"
-            )
-
-    untraced = (part.drop_vars(_trace_coordinates(part)) for part in counted(TRACES))
-    with storage_errors(folder.results, "written"):
-        whole = join_flat(plan.n_scenarios, untraced, allocate=_allocator(folder.path))
-    ds = unflatten(whole, plan.layout)
-    ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
-    predicted = predictions(plan) if study.predict else xr.Dataset()
-    ds = ds.assign(predicted.data_vars)
-    ds.attrs = study_attributes(study, manifest) | predicted.attrs | attrs
-    ds.attrs |= study.precision.attributes(ds) if study.precision else {}
-    ds.attrs["computed_on"] = json.dumps(list(manifest.computed_on))
-    if plan.traces.names and not study.reduction:
-        file = folder.path / f"traces-{manifest.key[:8]}.nc"
-        manifest, traces = _merge_traces(file, study, counted, ds.attrs, manifest)
-        ds = ds.assign_coords(traces.coords).assign_attrs(traces.attrs)
-    ds.attrs["content_sha256"] = combined_sha256(ds)
-    manifest = stored.publish(folder.results, lambda unfinished: write(ds, unfinished, mode="w"), manifest)
-    result = stored.add_traces(ds, folder.path, manifest)
-    folder.remove_superseded(result, manifest)
-    stored.finished_manifest(result, folder.path, manifest).write(folder.path)
-    return result
-
-
-def study_attributes(study: Study, manifest: Manifest) -> dict[str, Any]:
-    """The attributes of the results of a study: provenance, settings, and which study it is."""
-    attrs = {
-        "title": study.title,
-        **provenance(),
-        **simulation_attributes(study.plan),
-        "summary": study.question,
-        "study_toml": study.text,
-        "study_sha256": study.sha256,
-        "model_sha256": manifest.model_sha256,
-    }
-    traces = study.plan.traces
-    if traces.names:
-        attrs["traces"] = f"{', '.join(traces.names)} every {traces.interval} s"
-    if study.reduction:
-        attrs |= {"reduction": study.reduction.name, "reduction_sha256": study.reduction.sha256}
-    if study.rules:
-        attrs["rules"] = json.dumps({n: {"code": s.name, "sha256": s.sha256} for n, s in sorted(study.rules.items())})
-    if study.precision:
-        attrs["precision"] = study.precision.text
-    if manifest.own_code:
-        attrs["own_code"] = json.dumps(manifest.own_code)
-    return attrs
-
-
-def _merge_traces(
-    path: Path, study: Study, parts: Parts, attrs: dict[str, Any], manifest: Manifest
-) -> tuple[Manifest, xr.Dataset]:
-    """Write the traces one by one.
-
-    Returns the manifest with the hash of their file, and what the results must have of them: coordinates, and
-    attributes with the hash and the description of every variable.
-    """
-    plan, allocate = study.plan, _allocator(path.parent)
-    hashes: dict[str, str] = {}
-    layout: dict[str, Any] = {}
-    coordinates: dict[Any, xr.DataArray] = {}
-
-    def write_all(unfinished: Path) -> None:
-        for k, name in enumerate(plan.traces.names):
-            others = {*METRICS, *TRACES} - {name}
-            ds = unflatten(join_flat(plan.n_scenarios, parts(others), [name], allocate), plan.layout)
-            hashes.update({n: variable_sha256(ds[n].variable) for n in (name, *_trace_coordinates(ds))})
-            layout.update(layout_of([(name, ds[name].variable)]))
-            coordinates.update({n: ds[n].reset_coords(drop=True) for n in _trace_coordinates(ds)})
-            ds.attrs = attrs
-            write(ds, unfinished, mode="a" if k else "w")
-
-    recorded = stored.publish(path, write_all, manifest)
-    described = {"trace_sha256": json.dumps(hashes), "trace_layout": json.dumps(layout)}
-    return recorded, xr.Dataset(coords=coordinates, attrs={"trace_file": path.name, **described})
-
-
-def _trace_coordinates(ds: xr.Dataset) -> list[str]:
-    return [n for n in ("elapsed_time", "time", "volume") if n in ds.coords]
-
-
-def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
-    """Makes arrays; large ones are in nameless files, so that a study may be larger than the memory."""
-
-    def allocate(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any]) -> np.ndarray:
-        size = dtype.itemsize * int(np.prod(shape))
-        if size < _LARGE:
-            return np.full(shape, value, dtype)
-        with tempfile.TemporaryFile(dir=folder) as file:
-            reserve(file.fileno(), size)  # on a full disk, a later write to the array would kill the process
-            array: np.ndarray = np.memmap(file, dtype, "r+", shape=shape)
-        if value != 0:
-            array[:] = value
-        return array
-
-    return allocate
+                values = values[self.old[here] - start]
+                part[name] = (("scenario", *variable.dims[len(dims) :]), values, variable.attrs)
+            part = part.assign_coords({n: c for n, c in earlier.coords.items() if n in part.dims and n != "scenario"})
+            n_volumes = self.study.plan.n_volumes  # the earlier result may have had only smaller coils
+            if "volume" in part.dims and part.sizes["volume"] < n_volumes:
+                part = part.reindex(volume=np.arange(1, n_volumes + 1))
+            if part.sizes["scenario"]:
+                yield part
 
 
 # --- checked ----------------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from pydantic import TypeAdapter, ValidationError
 
@@ -53,6 +54,7 @@ _FOLDER_FORMAT = 2
 """Of the folder; no other one is read."""
 _CHECKSUM = "sha256"
 _LARGEST = 2**20  # bytes of ``run.json``
+_MOST_METRICS = 2**28  # bytes; more, as of two million scenarios, stay on the disk as traces do
 _CURES = {True: "delete it and run the study again", False: f"delete {RESULTS} and run the study again"}
 """What to do about a damaged final file, by whether it has the results."""
 
@@ -170,15 +172,17 @@ class Shards:
     def any(self) -> bool:
         return bool(entries(self.path))
 
-    def read(self, *, quarantine: bool, leave_out: Collection[str] = ()) -> Iterator[xr.Dataset]:
+    def read(
+        self, *, quarantine: bool, leave_out: Collection[str] = (), own: np.ndarray | None = None
+    ) -> Iterator[xr.Dataset]:
         """Read the sound shards, one by one, without the variables ``leave_out``, and warn of every other file.
 
         quarantine: move a file that is damaged, or not of this run, out of the way, so that its scenarios are
-        computed again.
+        computed again.  own: only shards that begin with one of these scenarios.
         """
         if quarantine and is_folder(self.path):
             remove_unfinished(self.path)
-        for path, part, problem in self.inspect(leave_out):
+        for path, part, problem in self.inspect(leave_out, own):
             if part is not None:
                 yield part
                 continue
@@ -187,10 +191,13 @@ class Shards:
             done = f"moved to {QUARANTINE}/, its scenarios are" if quarantine else "its scenarios would be"
             warnings.warn(f"{path} {problem}: {done} computed again", stacklevel=2)
 
-    def inspect(self, leave_out: Collection[str] = ()) -> Iterator[tuple[Path, xr.Dataset | None, str]]:
+    def inspect(
+        self, leave_out: Collection[str] = (), own: np.ndarray | None = None
+    ) -> Iterator[tuple[Path, xr.Dataset | None, str]]:
         """Every file among the shards: its content without the variables ``leave_out``, or what is wrong with it."""
         for path in entries(self.path):
-            if is_unfinished(path):
+            named = SHARD_NAME.fullmatch(path.name)
+            if is_unfinished(path) or (own is not None and not (named and int(named[1]) in own)):
                 continue
             try:
                 found = self._inspect(path, leave_out)
@@ -265,7 +272,7 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
     path = folder / RESULTS
     if not exists(path):
         raise InputError(f"{path} does not exist: run the study first")
-    ds = _stored(path, manifest).load()
+    ds = _stored(path, manifest).load(_MOST_METRICS)
     try:
         later = int(ds.attrs.get("fastcoil_format", 0)) > FORMAT
         damaged = not later and ds.attrs.get("content_sha256") != combined_sha256(ds)
