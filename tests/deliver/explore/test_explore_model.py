@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from functools import partial
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -32,6 +33,8 @@ from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import PRESETS
 from fastcoil.study.maintenance import Scenario, one_scenario
 
+full = partial(pytest.param, marks=pytest.mark.full)
+
 
 @pytest.fixture(scope="module")
 def model():
@@ -59,13 +62,13 @@ def tell(model):
     ("title", "by_hand", "begins", "has"),
     [
         ("A good valve", {"backlash": 0.0}, "This loop will not hunt.", "The valve has no gap."),
-        ("7 % gap, plain PI", {}, "This loop will hunt: about 0.9", "Without the gap: no hunting"),
-        ("With the inverse", {"backlash_estimate": 0.065}, "This loop will not hunt.",
-         "Without the inverse: about 0.9"),
+        full("7 % gap, plain PI", {}, "This loop will hunt: about 0.9", "Without the gap: no hunting"),
+        full("With the inverse", {"backlash_estimate": 0.065}, "This loop will not hunt.",
+             "Without the inverse: about 0.9"),
         ("Estimate too large", {"backlash_estimate": 0.1}, "This loop will hunt", "Without the inverse: about 0.9"),
         ("Learning", {"estimator": "identify", "estimate_share": 0.95, "identify_stroke_time": 0.0},
          "This loop will not hunt.", "Without the inverse: about 0.9"),
-        ("Slower instead", {"ti": 40.0}, "This loop will not hunt.", "Without the gap: no hunting"),
+        full("Slower instead", {"ti": 40.0}, "This loop will not hunt.", "Without the gap: no hunting"),
     ],
 )  # fmt: skip
 def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation(
