@@ -116,7 +116,7 @@ def test_figures_are_drawn_while_the_folder_is_held(out):
     assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
 
 
-@pytest.mark.parametrize("command", ["run", "plot"])
+@pytest.mark.parametrize("command", ["run", pytest.param("plot", marks=pytest.mark.full)])
 def test_half_written_figures_are_removed(out, command):
     study = write_study(PLAIN, out)
     run(PLAIN, out)
