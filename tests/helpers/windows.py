@@ -1,7 +1,7 @@
 """A process as on Windows, as far as Linux can play it: what Windows lacks is taken away, what it refuses is refused.
 
-``python -m helpers.windows WORDS…`` is the command ``fastcoil`` there; ``emulate`` is called before fastcoil is
-imported.  Libraries are imported before, since they have their own code for Windows; so the compiler, HDF5 and the
+``python -m helpers.windows COMMANDS…`` runs ``fastcoil`` there, once with the words of each argument, and prints the
+exit codes at the end; ``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they have their own code for Windows; so the compiler, HDF5 and the
 locks of filelock are those of Linux.
 """
 
@@ -104,5 +104,11 @@ if __name__ == "__main__":
     emulate()
     from fastcoil.__main__ import run
 
-    sys.argv = ["fastcoil", *sys.argv[1:]]
-    run()
+    codes = []
+    for words in sys.argv[1:]:
+        sys.argv = ["fastcoil", *words.split()]
+        try:
+            run()
+        except SystemExit as ended:
+            codes.append(ended.code)
+    print("Exit codes:", *codes)
