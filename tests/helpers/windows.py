@@ -1,8 +1,8 @@
 """A process as on Windows, as far as Linux can play it: what Windows lacks is taken away, what it refuses is refused.
 
 ``python -m helpers.windows COMMANDS…`` runs ``fastcoil`` there, once with the words of each argument, and prints the
-exit codes at the end; ``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they have
-their own code for Windows; so the compiler, HDF5 and the locks of filelock are those of Linux.
+exit codes at the end; ``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they
+have their own code for Windows; so the compiler, HDF5 and the locks of filelock are those of Linux.
 """
 
 import errno
