@@ -67,6 +67,7 @@ RUN = [page for page in PAGES if blocks(page, "python")]
 
 
 @pytest.mark.kernel
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("page", RUN, ids=is_named)
 def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     """Its Python, its study files and the commands on them; and what it says they print is printed."""

@@ -99,6 +99,7 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_figures_are_drawn_while_the_folder_is_held(out):
     holders = []
 
