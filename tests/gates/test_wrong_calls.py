@@ -24,7 +24,7 @@ from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.valve_reading import ValveReading
 
-pytestmark = pytest.mark.kernel
+pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
 _LONGEST = 3000
 """Characters of a message."""

@@ -154,13 +154,14 @@ def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
 
 
 @pytest.mark.kernel
-def test_the_experiments_of_the_page_show_what_it_says(model, tell):
-    """Those of docs/first-steps.md, in their order."""
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.full)])
+def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
+    """Those of docs/first-steps.md, in their order: every one, or each third."""
     plain, _ = tell("7 % gap, plain PI")
     inverse, run = tell("With the inverse")
     learns, _ = tell("Learning")
     still = {"day": "constant"}
-    for settings, changes, words in (
+    experiments = (
         (plain, still, "about 0.97 K peak to peak every 3 min"),
         (plain, still | {"backlash": 0.0}, "will not hunt.  Leave it: its error is below 0.01 K."),
         (inverse, {"backlash_estimate": 0.075}, "chatters, 113 turns an hour"),
@@ -169,7 +170,8 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell):
         (learns, {}, "right since hour 1.2"),
         (learns, still | {"estimator": "learner"}, "right since hour 3.0"),
         (settings_of("lbnl", STARTS["lbnl"]), still | {"estimator": "learner"}, "chatters"),
-    ):
+    )
+    for settings, changes, words in experiments[::step]:
         seen = model.run(replace(settings, **changes))
         assert words in f"{seen.answer}  {seen.advice} {seen.learning} {seen.why}", changes
     errors = model.map(plain)["rmse"]
