@@ -189,6 +189,16 @@ def refused():
 
 
 @pytest.fixture
+def blank_figures(monkeypatch):
+    """Save figures with nothing on them: what is drawn takes most of the time, and `make test-full` draws it."""
+    from matplotlib.figure import Figure
+
+    if not os.environ.get("FASTCOIL_FULL"):
+        save = Figure.savefig
+        monkeypatch.setattr(Figure, "savefig", lambda _, *to, **how: save(Figure(figsize=(1, 1)), *to, **how))
+
+
+@pytest.fixture
 def write(tmp_path):
     """Return a function that writes a CSV file."""
 

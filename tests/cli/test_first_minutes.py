@@ -24,6 +24,7 @@ def test_alone_it_leads_to_a_log_a_loop_a_study_and_a_demo():
 
 
 @pytest.mark.kernel
+@pytest.mark.usefixtures("blank_figures")
 def test_the_demo_shows_commands_that_the_user_can_type_and_what_they_say(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said = fastcoil("demo", "my demo")

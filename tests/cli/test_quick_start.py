@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from helpers.commands import fastcoil
 from helpers.processes import ROOT
 
 SMALL = """
@@ -47,8 +48,7 @@ def among(loaded, names):
 @pytest.mark.kernel
 def test_what_is_compiled_is_run_without_the_compiler_or_anything_that_draws(tmp_path):
     (tmp_path / "small.toml").write_text(SMALL)
-    subprocess.run([sys.executable, "-m", "fastcoil", "plan", "small.toml"], cwd=tmp_path, check=True, timeout=300,
-                   env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True)  # fmt: skip
+    fastcoil("plan", tmp_path / "small.toml")  # what a study needs is compiled
     ran = loaded_by(tmp_path, "run", "small.toml", "--no-figures", "-o", "out")
     assert "netCDF4" in ran
     assert among(ran, UNUSED + COMPILER) == []

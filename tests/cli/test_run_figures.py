@@ -8,7 +8,7 @@ from helpers.commands import fastcoil
 from fastcoil.base.figures import current_figures, stale_figures
 from fastcoil.study.folder.results import open_study
 
-pytestmark = pytest.mark.kernel
+pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
 SMALL = """[loop]
 [sweep]

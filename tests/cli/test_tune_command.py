@@ -46,6 +46,7 @@ def read(path, table):
 
 
 @pytest.mark.kernel
+@pytest.mark.usefixtures("blank_figures")
 def test_it_writes_what_fc_tune_finds_and_a_file_to_include(study, tmp_path):
     done = fastcoil("tune", study, "-j", 1)
     assert done.exit_code == 0, done.output

@@ -30,6 +30,7 @@ from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import nearest_linear, predict
 
 FAST = fc.Loop.preset("lbnl").assign(kp=0.03, ti=10.0)
+COARSE = {"command_resolution": 0.001, "sensor_resolution": 0.05, "neutral_zone": 0.01}
 
 
 def option(name, error, hunts=False, margin=0.4):
@@ -114,7 +115,11 @@ def test_simc_does_not_depend_on_the_gains_that_a_loop_has():
 @pytest.mark.kernel
 @pytest.mark.parametrize(
     "change",
-    [{}, {"command_resolution": 0.001}, {"sensor_resolution": 0.05}, {"neutral_zone": 0.01}, {"estimator": "identify"}],
+    [
+        {},
+        {"estimator": "identify"},
+        *(pytest.param({name: value}, marks=pytest.mark.full) for name, value in COARSE.items()),
+    ],
 )
 def test_gains_are_among_the_cures_whatever_theory_knows_and_stop_the_hunting(change):
     found = fc.explain(FAST.assign(**change), DAY)
@@ -190,7 +195,7 @@ def test_hunting_that_is_not_counted_shows_by_swings_where_it_is_predicted(swing
 
 @pytest.mark.kernel
 @pytest.mark.filterwarnings("ignore:action = ")
-@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 500), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 500), marks=pytest.mark.full)])
 def test_nothing_that_is_said_of_a_loop_contradicts_the_simulation_or_itself_nor_what_is_said_once_it_is_followed(
     seeds,
 ):
@@ -205,7 +210,7 @@ def test_nothing_that_is_said_of_a_loop_contradicts_the_simulation_or_itself_nor
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("seeds", [range(5), pytest.param(range(5, 500), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 500), marks=pytest.mark.full)])
 def test_what_a_log_says_does_not_contradict_itself_and_its_gains_stop_the_hunting_of_all_but_one_in_a_hundred(seeds):
     found = {seed: contradictions_of_log(random_loop(seed)) for seed in seeds}
     wrong = {seed: of_seed for seed, of_seed in found.items() if of_seed}

@@ -1,6 +1,7 @@
 """README and the pages of ``docs/``: what they show runs, and their commands, links and file names lead somewhere."""
 
 import ast
+import os
 import re
 import shlex
 import sys
@@ -30,6 +31,8 @@ PATH = re.compile(r"`((?:docs|studies|benchmarks|fastcoil|tests)/[\w./-]+)`")
 SCRIPTS = {"logs.py", "controller.py"}
 """Scripts that the reader makes, or that a command of the page writes."""
 TOOLS = {"pip", "dask", "."}
+LONG = [["fit", "coil"], ["tune", "ahu.toml"]]
+"""Commands that take seconds: `make test` runs a page up to them, `make test-full` to its end."""
 
 
 def is_named(path):
@@ -67,6 +70,7 @@ RUN = [page for page in PAGES if blocks(page, "python")]
 
 
 @pytest.mark.kernel
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("page", RUN, ids=is_named)
 def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     """Its Python, its study files and the commands on them; and what it says they print is printed."""
@@ -87,6 +91,8 @@ def test_a_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
             read_study(path)
         elif kind == "sh":
             for program, *words in commands(text):
+                if words[:2] in LONG and not os.environ.get("FASTCOIL_FULL"):
+                    return
                 if program == "fastcoil":
                     found = CliRunner().invoke(main, words)
                     assert found.exit_code == 0, (words, found.output)

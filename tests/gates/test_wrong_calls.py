@@ -24,7 +24,7 @@ from fastcoil.measured.diagnosis import Diagnosis
 from fastcoil.measured.fit import Fit
 from fastcoil.measured.valve_reading import ValveReading
 
-pytestmark = pytest.mark.kernel
+pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
 _LONGEST = 3000
 """Characters of a message."""
@@ -120,7 +120,7 @@ def base_calls(tmp_path_factory):
         recorded[name].attrs["units"] = "degC"
     hunting = write_log(loop_log(hours=1.0), folder / "loop.csv")
     tested = write_log(loop_log(hours=0.25, interval=15.0), folder / "test.csv")
-    when = {"between": (300.0, 800.0)}
+    when = {"between": (300.0, 600.0), "stroke_time": 90.0}
     entering = {"m_a": 1.2, "T_a_in": 26.0, "W_a_in": 0.01, "T_w_in": 7.0}
     seconds = np.arange(300.0)
     commanded = xr.Dataset(
@@ -168,7 +168,7 @@ def base_calls(tmp_path_factory):
         "export_controller": (fc.export_controller, {"loop": loop, "path": folder / "valve.c"}),
         "fit_coil": (fc.fit_coil, {"log": coil, "warm_up": 60}),
         "fit_loop": (fc.fit_loop, {"log": commanded, "loop": loop, "constants": entering, "warm_up": 0.0}),
-        "fit_valve": (fc.fit_valve, {"log": valve}),
+        "fit_valve": (fc.fit_valve, {"log": valve, "lag": 0.0}),
         "heating_day": (fc.heating_day, days),
         "law": (fc.law, rule),
         "limit_cycle": (fc.limit_cycle, {"loop": loop, "boundary": day, "at": [10, 20]}),

@@ -134,7 +134,8 @@ def unknown_netcdf():
     probe = Path("probe.py").absolute()
     probe.write_text(
         "import json, runpy, sys\nsys.path[:] = json.loads(sys.argv[4])\nfrom helpers.windows import emulate\n"
-        f"emulate()\nrunpy.run_path({str(netcdf._READER)!r}, run_name='__main__')\nopen('probed', 'w').close()\n",
+        "emulate(('netCDF4', 'ctypes'))\n"
+        f"runpy.run_path({str(netcdf._READER)!r}, run_name='__main__')\nopen('probed', 'w').close()\n",
         encoding="utf-8",
     )
     netcdf._READER = probe

@@ -1,8 +1,8 @@
 """A process as on Windows, as far as Linux can play it: what Windows lacks is taken away, what it refuses is refused.
 
-``python -m helpers.windows WORDS…`` is the command ``fastcoil`` there; ``emulate`` is called before fastcoil is
-imported.  Libraries are imported before, since they have their own code for Windows; so the compiler, HDF5 and the
-locks of filelock are those of Linux.
+``python -m helpers.windows COMMANDS…`` runs ``fastcoil`` there, once with the words of each argument, and prints the
+exit codes at the end; ``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they
+have their own code for Windows; so the compiler, HDF5 and the locks of filelock are those of Linux.
 """
 
 import errno
@@ -32,9 +32,9 @@ SIGNALS = {"SIGINT", "SIGTERM", "SIGABRT", "SIGFPE", "SIGILL", "SIGSEGV"}
 MEMORY = 3 * 2**30
 
 
-def emulate():
-    """Make this process one of Windows."""
-    for name in LIBRARIES:
+def emulate(libraries=LIBRARIES):
+    """Make this process one of Windows; it imports no others of these libraries."""
+    for name in libraries:
         import_module(name)
     assert not [name for name in sys.modules if name.partition(".")[0] == "fastcoil"]
     whole = SimpleNamespace(**vars(os))
@@ -104,5 +104,11 @@ if __name__ == "__main__":
     emulate()
     from fastcoil.__main__ import run
 
-    sys.argv = ["fastcoil", *sys.argv[1:]]
-    run()
+    codes = []
+    for words in sys.argv[1:]:
+        sys.argv = ["fastcoil", *words.split()]
+        try:
+            run()
+        except SystemExit as ended:
+            codes.append(ended.code)
+    print("Exit codes:", *codes)

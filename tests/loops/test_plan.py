@@ -125,7 +125,7 @@ def minutes(n_days):
     return fc.Boundary(m_a=np.full((n_days, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(st.data())
 def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
     n_days, per_day = data.draw(st.integers(1, 5)), data.draw(st.integers(1, 200))

@@ -25,13 +25,24 @@ def logs():
 
 
 @pytest.fixture(scope="module")
-def found(logs):
-    return fc.read_test(logs[0.08], stroke_time=90)
+def readings(logs):
+    return {size: fc.read_test(log, stroke_time=90) for size, log in logs.items()}
+
+
+@pytest.fixture(scope="module")
+def found(readings):
+    return readings[0.08]
+
+
+@pytest.fixture(scope="module")
+def early(logs):
+    """What is read in the first four minutes of a test."""
+    return fc.read_test(logs[0.08], between=(START, START + 240))
 
 
 @pytest.mark.parametrize("size", [0.0, 0.03, 0.08])
-def test_the_gap_is_right_and_its_interval_holds_it(logs, size):
-    r = fc.read_test(logs[size], stroke_time=90)
+def test_the_gap_is_right_and_its_interval_holds_it(readings, size):
+    r = readings[size]
     assert r.identified
     assert r.reason == ""
     assert abs(r.backlash - size) <= max(0.2 * size, 0.01)
@@ -40,9 +51,9 @@ def test_the_gap_is_right_and_its_interval_holds_it(logs, size):
 
 
 @pytest.mark.parametrize("size", [0.0, 0.03, 0.08])
-def test_gain_and_lag_are_those_of_the_plant(logs, size):
+def test_gain_and_lag_are_those_of_the_plant(readings, size):
     """Of a step of the valve in open loop, where the test has it, with the air and water of its middle."""
-    r = fc.read_test(logs[size], stroke_time=90)
+    r = readings[size]
     day = fc.paper_day(hours=3, seed=3)
     still = {name: np.full(3600, values[0, START + 900]) for name, values in day.series.items()}
     steps = np.where(np.arange(3600) < 1800, 0.26, 0.30)
@@ -86,14 +97,13 @@ def test_a_log_without_a_readable_test_is_refused(logs, changed, how, says):
         fc.read_test(changed(logs[0.08]), **how)
 
 
-def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs):
+def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
     log = logs[0.08]
-    early = fc.read_test(log, between=(START, START + 240))
     assert not early.identified
     assert "does not turn back" in early.reason
     holes = log.T_measured.where(np.arange(log.sizes["elapsed_time"]) % 8 != 0)
     holes[START // 5] = np.nan
-    torn = fc.read_test(log.assign(T_measured=holes), drop=True)
+    torn = fc.read_test(log.assign(T_measured=holes), stroke_time=90, drop=True)
     assert np.isfinite(torn.signals["model"]).any()
     assert not torn.identified
     assert "of the temperatures are missing" in torn.reason
@@ -115,7 +125,9 @@ def late(log, seconds):
     return log.assign(moved)
 
 
-@pytest.mark.parametrize(("seconds", "order"), [(60, "after"), (120, "after"), (-90, "before")])
+@pytest.mark.parametrize(
+    ("seconds", "order"), [pytest.param(60, "after", marks=pytest.mark.full), (120, "after"), (-90, "before")]
+)
 def test_two_clocks_are_found_out_and_allowed_for(logs, seconds, order):
     r = fc.read_test(late(logs[0.08], seconds), stroke_time=90)
     assert r.identified
@@ -146,14 +158,13 @@ def test_of_several_tests_the_last_is_read(logs, found):
     assert any("the log has 2 tests" in note for note in r.notes)
 
 
-def test_toml_gives_the_gap_to_a_study_only_if_it_is_identified(logs, found, tmp_path):
+def test_toml_gives_the_gap_to_a_study_only_if_it_is_identified(early, found, tmp_path):
     text = found.to_toml(tmp_path / "gap.toml")
     assert f"[loop]\nbacklash = {found.backlash}" in text
     (tmp_path / "study.toml").write_text('[loop]\ninclude = ["gap.toml"]\nkp = 0.02\n')
     from fastcoil.study.file.spec import read_study
 
     assert read_study(tmp_path / "study.toml").included["backlash"] == found.backlash
-    early = fc.read_test(logs[0.08], between=(START, START + 240))
     assert "\nbacklash = " not in early.to_toml().partition("[fit]")[0]
 
 

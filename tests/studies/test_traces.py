@@ -67,5 +67,6 @@ def test_both_populations_are_the_same_valves_with_other_gains(monkeypatch, writ
         assert not np.allclose(simc.rmse, drawn.rmse)
     ds = fc.simulate(others.valves(3, heating=False), fc.constant_day(hours=1))
     np.testing.assert_allclose(ds.estimate_final.sel(controller=others.OVERESTIMATE).squeeze(), 1.2 * ds.backlash)
+    monkeypatch.setattr(others, "ran", lambda size: found)
     others.main(3)
     assert len(written("remedies_others")[1]) == 1 + 2 * 3 * len(others.SHOWN)

@@ -152,8 +152,8 @@ def test_more_precision_extends_a_study_and_changes_no_sample(whole, tmp_path):
     execute(write_study(one, plain), plain, n_jobs=1)
     execute(write_study(text(), plain), plain, n_jobs=1, extend=True)
     xr.testing.assert_equal(fc.open_study(plain), whole)
-    more = execute(write_study(text(0.06), plain), plain, n_jobs=1, extend=True)
-    fresh = execute(write_study(text(0.06), out), out, n_jobs=1)
+    more = execute(write_study(text(0.08), plain), plain, n_jobs=1, extend=True)
+    fresh = execute(write_study(text(0.08), out), out, n_jobs=1)
     assert more.results.attrs["content_sha256"] == fresh.results.attrs["content_sha256"]
     assert 0 < more.n_run < fresh.n_run
     first = fresh.results.isel(sample=slice(whole.sizes["sample"]))

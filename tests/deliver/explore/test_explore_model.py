@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from functools import partial
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -32,6 +33,8 @@ from fastcoil.loops.plan import plan_simulation
 from fastcoil.loops.presets import PRESETS
 from fastcoil.study.maintenance import Scenario, one_scenario
 
+full = partial(pytest.param, marks=pytest.mark.full)
+
 
 @pytest.fixture(scope="module")
 def model():
@@ -59,13 +62,13 @@ def tell(model):
     ("title", "by_hand", "begins", "has"),
     [
         ("A good valve", {"backlash": 0.0}, "This loop will not hunt.", "The valve has no gap."),
-        ("7 % gap, plain PI", {}, "This loop will hunt: about 0.9", "Without the gap: no hunting"),
-        ("With the inverse", {"backlash_estimate": 0.065}, "This loop will not hunt.",
-         "Without the inverse: about 0.9"),
+        full("7 % gap, plain PI", {}, "This loop will hunt: about 0.9", "Without the gap: no hunting"),
+        full("With the inverse", {"backlash_estimate": 0.065}, "This loop will not hunt.",
+             "Without the inverse: about 0.9"),
         ("Estimate too large", {"backlash_estimate": 0.1}, "This loop will hunt", "Without the inverse: about 0.9"),
         ("Learning", {"estimator": "identify", "estimate_share": 0.95, "identify_stroke_time": 0.0},
          "This loop will not hunt.", "Without the inverse: about 0.9"),
-        ("Slower instead", {"ti": 40.0}, "This loop will not hunt.", "Without the gap: no hunting"),
+        full("Slower instead", {"ti": 40.0}, "This loop will not hunt.", "Without the gap: no hunting"),
     ],
 )  # fmt: skip
 def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation(
@@ -151,13 +154,14 @@ def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
 
 
 @pytest.mark.kernel
-def test_the_experiments_of_the_page_show_what_it_says(model, tell):
-    """Those of docs/first-steps.md, in their order."""
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.full)])
+def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
+    """Those of docs/first-steps.md, in their order: every one, or each third."""
     plain, _ = tell("7 % gap, plain PI")
     inverse, run = tell("With the inverse")
     learns, _ = tell("Learning")
     still = {"day": "constant"}
-    for settings, changes, words in (
+    experiments = (
         (plain, still, "about 0.97 K peak to peak every 3 min"),
         (plain, still | {"backlash": 0.0}, "will not hunt.  Leave it: its error is below 0.01 K."),
         (inverse, {"backlash_estimate": 0.075}, "chatters, 113 turns an hour"),
@@ -166,7 +170,8 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell):
         (learns, {}, "right since hour 1.2"),
         (learns, still | {"estimator": "learner"}, "right since hour 3.0"),
         (settings_of("lbnl", STARTS["lbnl"]), still | {"estimator": "learner"}, "chatters"),
-    ):
+    )
+    for settings, changes, words in experiments[::step]:
         seen = model.run(replace(settings, **changes))
         assert words in f"{seen.answer}  {seen.advice} {seen.learning} {seen.why}", changes
     errors = model.map(plain)["rmse"]

@@ -1,16 +1,23 @@
-"""The server of ``fastcoil explore``: for this machine alone, and with a sentence for what goes wrong."""
+"""``fastcoil explore``: its server is for this machine alone; its page, in a real browser, follows what is moved."""
 
+import functools
 import http.client
 import importlib.util
+import os
 import re
 import signal
 import socket
+import threading
+import time
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 from click.testing import CliRunner
-from helpers.browsers import exploring
+from helpers.browsers import chromium, data_of, deep, exploring, mistakes_of, settled, text_of
 
+import fastcoil as fc
 from fastcoil.cli.main import main
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("bokeh") is None, reason="bokeh is not installed")
@@ -18,6 +25,8 @@ HANDSHAKE = {
     "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
     "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Protocol": "bokeh",
 }  # fmt: skip
+ESTIMATE, TI = 1, 3
+"""Sliders by their place on the page."""
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +84,6 @@ def test_a_port_that_is_taken_is_refused_in_a_sentence(program):
     assert f"give another one above 1023, such as --port {port + 1}\n" in found.output
 
 
-@pytest.mark.kernel
-def test_sigterm_ends_it_as_ctrl_c_does(program):
-    process, _ = program
-    process.send_signal(signal.SIGTERM)
-    out, err = process.communicate(timeout=30)
-    assert (process.returncode, out, err) == (0, "Ended.\n", "")
-
-
 def test_without_the_extra_there_is_the_command_that_installs_it(monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "bokeh" else find(name, *more))
@@ -95,3 +96,105 @@ def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):
     found = CliRunner().invoke(main, ["explore", str(tmp_path / "mine.toml"), "--no-browser"])
     assert found.exit_code == 2
     assert "no such file, folder or preset" in found.output
+
+
+@pytest.mark.kernel
+@pytest.mark.full
+def test_sigterm_ends_it_as_ctrl_c_does():
+    with exploring("lbnl") as (process, _):
+        process.send_signal(signal.SIGTERM)
+        assert (process.wait(30), process.stdout.read(), process.stderr.read()) == (0, "Ended.\n", "")
+
+
+# In a browser
+
+
+@pytest.fixture(scope="module")
+def driver():
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def page(program, driver):
+    """The page, shown."""
+    driver.get(f"{program[1]}?loop=paper_like")
+    settled(driver)
+    yield driver
+    assert program[0].poll() is not None or not mistakes_of(driver)
+
+
+def press(driver, slider, times):
+    """Move a slider up with the keyboard, and wait for the page."""
+    from selenium.webdriver.common.keys import Keys
+
+    before = settled(driver)
+    deep(driver, ".noUi-handle")[slider].send_keys(Keys.ARROW_RIGHT * times)
+    settled(driver, before)
+
+
+@pytest.mark.kernel
+def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
+    ds = fc.simulate(fc.Loop(), fc.paper_day(), traces=["T_sup", "opening"], trace_interval=5, n_jobs=1)
+    assert text_of(page, "headline").startswith("This loop will hunt: about 0.9")
+    assert data_of(page, "traces", "T_sup") == ds.T_sup.values[-1441:].tolist()
+    assert data_of(page, "traces", "opening") == (100.0 * ds.opening.values[-1441:]).tolist()
+    traces, cells, ring = data_of(page, "traces", "T_sup"), data_of(page, "cells", "value"), data_of(page, "here", "x")
+    assert (ring, data_of(page, "here", "y")) == ([2], [7])  # Ti 8 s, Kp 0.03/K
+    press(page, TI, 7)
+    assert text_of(page, "headline").startswith("This loop will not hunt")
+    assert text_of(page, "advice").startswith("If the error matters: SIMC: kp ")
+    assert text_of(page, "why").startswith("Why: margin 0.28; ")
+    assert "?loop=paper_like&ti=40" in page.current_url
+    assert data_of(page, "traces", "T_sup") != traces
+    assert data_of(page, "here", "x") != ring
+    assert data_of(page, "cells", "value") == cells
+    press(page, ESTIMATE, 1)
+    assert data_of(page, "cells", "value") != cells
+
+
+FOREIGN = """<title>foreign</title>
+<img src="{page}?kp=0.061"><script src="{page}autoload.js?bokeh-autoload-element=x"></script>
+<iframe src="{page}?kp=0.062"></iframe>
+<script>
+  window.said = []
+  fetch("{page}?kp=0.063", {{mode: "no-cors"}})
+  const socket = new WebSocket("{page}ws".replace("http", "ws"), ["bokeh", "x"])
+  socket.onopen = () => window.said.push("open")
+  socket.onerror = () => window.said.push("refused")
+</script>"""
+
+
+@pytest.mark.kernel
+@pytest.mark.full
+def test_a_foreign_page_makes_it_compute_nothing(program, page, tmp_path):
+    (tmp_path / "index.html").write_text(FOREIGN.format(page=program[1]))
+    handler = functools.partial(SimpleHTTPRequestHandler, directory=tmp_path)
+    handler.log_message = lambda *_: None
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as foreign:
+        threading.Thread(target=foreign.serve_forever, daemon=True).start()
+        before = cpu_seconds(program[0].pid)
+        page.get(f"http://localhost:{foreign.server_address[1]}/")
+        time.sleep(1.0)
+        assert page.execute_script("return window.said") == ["refused"]
+        assert cpu_seconds(program[0].pid) - before < 0.2  # a page alone takes more
+        foreign.shutdown()
+    mistakes_of(page)  # those of the foreign page
+
+
+def cpu_seconds(pid):
+    """Time of the processor that a process has taken."""
+    times = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.kernel
+def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(program, page):
+    process, _ = program
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (0, "Ended.\n", "")
+    end = time.monotonic() + 20
+    while "has ended" not in text_of(page, "headline") and time.monotonic() < end:
+        time.sleep(0.05)
+    assert text_of(page, "headline") == "The program behind this page has ended: start fastcoil explore again."

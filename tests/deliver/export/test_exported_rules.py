@@ -1,14 +1,15 @@
 """Estimators and laws of the user, exported: in all three languages they answer as the kernel does, or are refused."""
 
 import math
-import shutil
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers import rules
-from helpers.exported import WORST
+from helpers.exported import WORST, needs_compiler
+from helpers.full import full_but
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -157,11 +158,12 @@ LOOPS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LOOPS)
-@pytest.mark.parametrize("language", WORST)
-def test_own_rules_give_the_kernels_numbers(tmp_path, name, language):
-    if language == "c" and shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
+BY_DEFAULT = [("python", "everything"), ("c", "corners"), ("st", "corners"), ("st", "words"), ("c", "both")]
+
+
+@pytest.mark.parametrize(("language", "name"), full_but(list(product(WORST, LOOPS)), BY_DEFAULT))
+def test_own_rules_give_the_kernels_numbers(tmp_path, language, name):
+    needs_compiler(language)
     values = dict(LOOPS[name])
     loop = fc.Loop.preset("heating" if values.pop("action", "") else "paper_like").assign(**values)
     files = fc.export_controller(loop, tmp_path / f"valve{'.py' if language == 'python' else f'.{language}'}", language)

@@ -2,14 +2,15 @@
 
 import ctypes
 import math
-import shutil
 import subprocess
+from itertools import product
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers import rules
-from helpers.exported import FLAGS, WORST, finds, module, python_runner, vectors
+from helpers.exported import FLAGS, WORST, finds, module, needs_compiler, python_runner, vectors
+from helpers.full import full_but
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -37,8 +38,6 @@ MORE = {
     "identify": {"estimator": "identify", "sample_time": 15.0},
     "warming": {"preset": "heating", "learning_step": 0.01, "compensation": "smooth"},
 }  # fmt: skip
-C = pytest.param("c", marks=pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed"))
-EACH = [*LOOPS, *(pytest.param(name, marks=pytest.mark.full) for name in MORE)]
 
 
 def loop_of(name):
@@ -93,10 +92,15 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("name", EACH)
-@pytest.mark.parametrize("language", ["python", C])
+PYTHON = [("python", name) for name in LOOPS]
+FED = [*((*each, "to its end") for each in PYTHON), ("python", "additive", "excursion"), ("c", "learner", "disabled")]
+
+
+@pytest.mark.parametrize(
+    ("language", "name", "case"), full_but(list(product(("python", "c"), LOOPS | MORE, CASES)), FED)
+)
 def test_fed_with_the_kernels_temperatures_it_gives_the_kernels_commands(tmp_path, name, case, language):
+    needs_compiler(language)
     aborted, off, values = CASES[case]
     seen, ds = simulated(name, off, **values)
     code, stored = export(tmp_path, name, language, **values)
@@ -112,9 +116,11 @@ def test_fed_with_the_kernels_temperatures_it_gives_the_kernels_commands(tmp_pat
         assert found[-1, 2] == aborted
 
 
-@pytest.mark.parametrize("name", EACH)
-@pytest.mark.parametrize("language", ["python", C, "st"])
-def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, name, language):
+@pytest.mark.parametrize(
+    ("language", "name"), full_but(list(product(WORST, LOOPS | MORE)), [*PYTHON, ("c", "learner"), ("st", "smooth")])
+)
+def test_every_language_passes_vectors_that_hold_a_test_of_every_end(tmp_path, language, name):
+    needs_compiler(language)
     files = export(tmp_path, name, language)
     assert WORST[language](*files) <= 1e-12
     rows = vectors(files[1])

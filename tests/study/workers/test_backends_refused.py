@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers.processes import STUDY, cluster, ended, started, wait_for
+from helpers.processes import STUDY, cluster, ended, started
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError
@@ -113,27 +113,6 @@ def test_without_dask_the_sentence_names_the_extra(here, monkeypatch, missing):
     assert "pip install 'fastcoil[dask]'" in refused(
         here, "small.toml", "--backend", "dask", "--scheduler", "tcp://127.0.0.1:1"
     )
-
-
-def test_workers_of_another_version_are_refused(here, monkeypatch, two_workers):
-    monkeypatch.setattr(pools, "model_sha256", lambda: "another model")
-    said = refused(here, "small.toml", "--backend", "dask", "--scheduler", two_workers.address)
-    assert "run another version of fastcoil" in said
-
-
-def test_workers_that_differ_are_refused(here, two_workers):
-    # the compiler's settings belong to the fingerprint
-    odd = two_workers.worker("--no-nanny", NUMBA_OPT="2")
-    try:
-        with two_workers.client() as client:
-            client.wait_for_workers(3, timeout=30)
-            said = refused(here, "small.toml", "--backend", "dask", "--scheduler", two_workers.address)
-    finally:
-        odd.kill()
-        odd.wait(10)
-    assert "or differ in CPU, Python or library versions" in said
-    with two_workers.client() as client:
-        wait_for(lambda: len(client.scheduler_info(n_workers=-1)["workers"]) == 2)
 
 
 def test_a_worker_that_joins_later_and_differs_refuses_to_work(small_study):

@@ -1,0 +1,13 @@
+"""Sweeps of which most cases run only in `make test-full`."""
+
+import pytest
+
+
+def full_but(cases, chosen):
+    """All cases, those that are not chosen only in `make test-full`."""
+    chosen = list(chosen)
+    marks = [() if case in chosen else pytest.mark.full for case in cases]
+    return [
+        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=mark)
+        for case, mark in zip(cases, marks, strict=True)
+    ]
