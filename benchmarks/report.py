@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import curves
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from peers import common
@@ -27,6 +28,7 @@ from fastcoil.model.numerics.jit import fingerprint
 
 LANES_IN_ALL, SECONDS, ROUNDS = (2 * LANES, 2400, 1) if QUICK else (1024, 7200, 9)
 WARM_UP_ROUNDS = 1
+CURVES = Path(curves.__file__).with_name("curves.json")
 PAUSE = 0.0 if QUICK else 0.1
 """Before each run, s: idle threads of the one before stop spinning."""
 
@@ -163,6 +165,17 @@ def report(results: dict[str, Any]) -> Iterator[str]:
         yield f"Sample time {sample_time} s:\n"
         yield from table(("options", "ns per lane-step", "time / bare"), options(sample_time))
         yield from table(("lanes", "ns per lane-step", f"cost / {LANES} lanes"), lanes(sample_time))
+
+    if CURVES.exists():
+        yield "## What a study costs\n"
+        yield (
+            "`python benchmarks/curves.py`: `fastcoil run` of a study of random valves, from the shell to the summary, "
+            "once each; 30 and 365 days in sequence; shares include the run that merges them, dask a running cluster.  "
+            "Memory is that of the largest process, pages of files included.\n"
+        )
+        yield "![Cost of a lane-step, memory and disk over the number of scenarios; time over processes](curves.png)\n"
+        head = ("scenarios", "length", "run by", "s", "ns per lane-step", "peak, MiB", "folder, MiB")
+        yield from table(head, curves.rows(json.loads(CURVES.read_text(encoding="utf-8"))))
 
     yield "## Every benchmark\n"
     yield "One after the other, by pytest-benchmark.  A scenario-day has 8 h; peak memory is that of a process alone.\n"
