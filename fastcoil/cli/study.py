@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib.util
 import os
 import re
@@ -456,5 +455,5 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
         if browser and has_screen:
             webbrowser.open(address)
 
-    asyncio.run(serve(model, port, ready))
+    serve(model, port, ready)
     say("Ended.")

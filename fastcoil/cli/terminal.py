@@ -136,7 +136,7 @@ def announce_compilation(kernel: str = "emulate") -> None:
     from fastcoil.model.numerics.jit import is_compiled
 
     if not is_compiled(kernel):
-        say("Compiling the kernels, once per installation: about 20 s …", err=True)
+        say("Compiling the kernels, once per installation: about 10 s …", err=True)
 
 
 def run_own_code(what: str, source: Source) -> object:

@@ -117,6 +117,7 @@ def test_numba_is_named_in_the_compiler_files_alone_and_xarray_above_the_model_a
         "dataclasses",
         "functools",
         "importlib",
+        "types",
         "typing",
         "math",
         "numpy",
@@ -146,7 +147,7 @@ def test_no_threads_no_fast_math_and_no_other_decorators():
 
 
 def test_flags_of_every_compiled_function():
-    assert FLAGS == {"error_model": "numpy", "nogil": True}
+    assert FLAGS == {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 
 
 def test_every_module_can_be_read_at_one_sitting():

@@ -274,7 +274,7 @@ ADDRESS = "127.0.0.1"
 """Not reachable from the network."""
 _NAMES = ("localhost", ADDRESS)
 _THREADS = 2
-COMPILING = "Compiling the simulator, once: about 20 s.  The page then begins by itself."
+COMPILING = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
 STARTING = "Starting …"
 _IDLE = 10_000  # ms without a connection, after which a page and its 2 MB are given back
 _LONGEST_MESSAGE = 2**16  # bytes; what a slider says has a few hundred
@@ -306,11 +306,15 @@ class _FromHere(Matcher):  # type: ignore[misc]
         return {} if is_ours and is_known and not names_session else None
 
 
-async def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
+def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; all sessions share the model.
 
     port: 0 takes any that is free.  ready: called with the address of the page once it can be opened.
     """
+    asyncio.run(_serve(model, port, ready))
+
+
+async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     listening = _bound(port)
     port = listening.getsockname()[1]
     # foreign connections, and readers who leave, are no errors

@@ -100,10 +100,7 @@ def draw_noise(S, t, k, common, day):
 
 
 def control_of(parts: Control) -> Any:
-    """A section that runs PI and inverse of the lanes that sample now; the others hold u, and so their command.
-
-    It closes over its parts, so that the compiler never sees the others.
-    """
+    """The section ``control`` with these parts.  It closes over them, so that the compiler never sees the others."""
     (
         is_watched,
         has_resolution,
@@ -118,6 +115,7 @@ def control_of(parts: Control) -> Any:
 
     @section
     def control(S, t, T_set, noise, enabled, counts_switches):
+        """Run PI and inverse of the lanes that sample now; the others hold u, and so their command."""
         for j in range(LANES):
             resolution = S[R.sensor_resolution + j] if has_resolution else 0.0
             y = measured(S[R.y_s + j], S[R.noise + j] + noise, resolution)

@@ -324,14 +324,12 @@ class Stem(NamedTuple):
 
 
 def actuate_of(parts: Stem) -> Any:
-    """A section that moves motor and gearbox, Eq (1).  It closes over its parts, as ``control_of`` does.
-
-    It returns MOVED if any valve moved, plus RUNNING if any motor still runs.
-    """
+    """The section ``actuate`` with these parts.  It closes over them, so that the compiler never sees the others."""
     has_resolution, has_zones, slips, wears = parts
 
     @section
     def actuate(S, counted):
+        """Move motor and gearbox, Eq (1).  Returns MOVED if any valve moved, plus RUNNING if any motor still runs."""
         moved, running = False, False
         for j in range(LANES):
             target = accepted(S[R.command + j], S[R.command_resolution + j] if has_resolution else 0.0)
