@@ -188,7 +188,7 @@ def test_a_reader_follows_a_study_to_its_results_through_thirty_files(tmp_path):
     assert len({name for name in entered if not name.startswith("model/")}) <= 30, sorted(entered)
 
 
-def refuse_to_write(*_):
+def refuse_to_write(*_, **__):
     raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
 

@@ -275,7 +275,7 @@ def _acquire(lock: BaseFileLock, folder: Path, share: str, *, for_share: bool) -
 
 def running_shares(folder: Path) -> dict[str, str]:
     """Share, such as ``2-of-8`` → who is running it, in words; empty if nobody is."""
-    return {share: find_holder(folder, share) or "" for share in _shares(folder)}
+    return {share: find_holder(folder, share) or "" for share in (_shares(folder) if is_folder(folder) else ())}
 
 
 def find_holder(folder: Path, share: str = "") -> str | None:
