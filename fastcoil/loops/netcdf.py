@@ -30,7 +30,6 @@ from xarray.backends import BackendArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 from xarray.core import indexing
 
-from fastcoil.base.arrays import pieces_of
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import commit_written, storage_errors
 from fastcoil.base.machine import IS_POSIX, available_memory, gib
@@ -173,6 +172,23 @@ _CHUNK, _ALONG_TIME, _SLAB = 2**17, 2**10, 2**23
 """Values of a chunk, and of these along time if there are several scenarios; values written at a time."""
 Slabs = Iterable[tuple[tuple[slice, ...], np.ndarray]]
 """Parts of an array, in C order, and their values."""
+
+
+def pieces_of(shape: tuple[int, ...], most: int) -> Iterator[tuple[slice, ...]]:
+    """Cut an array, in C order, into blocks whose values are neighbours: of ``most`` values, or of a single one."""
+    axis, inner = len(shape), 1
+    while axis and inner * shape[axis - 1] <= most:
+        axis -= 1
+        inner *= shape[axis]
+    whole = tuple(slice(0, n) for n in shape[axis:])
+    if axis == 0:
+        yield whole
+        return
+    n = shape[axis - 1]
+    step = -(-n // -(-n // max(1, most // inner)))  # of equal length, as far as they can be
+    for outer in np.ndindex(shape[: axis - 1]):
+        for start in range(0, n, step):
+            yield *(slice(k, k + 1) for k in outer), slice(start, min(start + step, n)), *whole
 
 
 def slabs_of(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...]], tuple[int, ...]]:

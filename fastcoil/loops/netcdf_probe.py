@@ -15,7 +15,6 @@ def main(name: str, seconds: int, memory: int, path: list[str]) -> None:
     sys.path[:] = path
     import netCDF4
 
-    from fastcoil.base.arrays import pieces_of
     from fastcoil.base.machine import limit_this_process
 
     limit_this_process(seconds, memory)  # in case the parent is gone
@@ -24,8 +23,10 @@ def main(name: str, seconds: int, memory: int, path: list[str]) -> None:
         _ = {name: file.getncattr(name) for name in file.ncattrs()}
         for variable in file.variables.values():
             _ = {name: variable.getncattr(name) for name in variable.ncattrs()}
-            for piece in pieces_of(variable.shape, _AT_ONCE):
-                _ = variable[piece or ...]
+            rows = variable.shape[0] if variable.shape else 1
+            step = max(1, _AT_ONCE * rows // max(1, variable.size))
+            for start in range(0, rows, step):
+                _ = variable[start : start + step] if variable.shape else variable[...]
 
 
 if __name__ == "__main__":

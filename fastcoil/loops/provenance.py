@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arrays import pieces_of
 from fastcoil.base.machine import VERSION
-from fastcoil.loops.netcdf import encoded
+from fastcoil.loops.netcdf import encoded, pieces_of
 from fastcoil.model.numerics.jit import compiled_for
 
 VOLATILE = (

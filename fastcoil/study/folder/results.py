@@ -16,13 +16,12 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import path_of
-from fastcoil.base.arrays import pieces_of
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
 from fastcoil.base.files import exists, is_file, is_folder
 from fastcoil.base.machine import available_memory, command_line, gib
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.netcdf import try_reading
+from fastcoil.loops.netcdf import pieces_of, try_reading
 from fastcoil.loops.plan import Plan, simulation_attributes
 from fastcoil.loops.provenance import environments_of, provenance
 from fastcoil.loops.scenarios import check_result, check_same_form, columns_of, join_flat, unflatten
