@@ -154,7 +154,7 @@ def archived():
     from fastcoil.study import maintenance
     from fastcoil.study.archive import pack
 
-    path, _ = pack(Path("out"))
+    path = pack(Path("out")).path
     return maintenance.verify(path)
 
 

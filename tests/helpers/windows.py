@@ -11,6 +11,7 @@ import shutil
 import signal
 import stat
 import sys
+import tempfile
 import warnings
 from contextlib import suppress
 from importlib import import_module
@@ -50,6 +51,7 @@ def emulate(libraries=LIBRARIES):
         if name.startswith("SIG") and not name.startswith("SIG_") and name not in SIGNALS:
             delattr(signal, name)
     shutil._use_fd_functions = False
+    tempfile.TemporaryFile = tempfile.NamedTemporaryFile  # as there, where no open file loses its name
     _refuse()
     sys.modules["ctypes"].windll = SimpleNamespace(kernel32=SimpleNamespace(GlobalMemoryStatusEx=_memory_status))
     # a text file opened without an encoding would get that of the country
