@@ -125,7 +125,7 @@ def plan(study: Path, jobs: int | None) -> None:
     compile_kernel()
     seconds = reading + estimate_seconds(planned, n_jobs)
     sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"
-    alone, each = planned.memory_of_run(n_jobs, "threads")
+    alone, each = planned.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     if asked.precision:

@@ -299,7 +299,7 @@ def _run_missing(
     """Run what is missing: the numbers of scenarios and of workers, and the manifest."""
     plan, (backend, n_jobs, scheduler), (*_, missing) = study.plan, asked, work
     if scheduler is None:
-        check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
+        check_workers(*plan.memory_of_run(n_jobs, backend, traces_kept=study.reduction is None), n_jobs)
     n_run = sum(shard.size for shard in shards_of(plan, n_jobs, missing))
     advance = progress(n_run, plan.n_scenarios, what) if progress else lambda n: None
     return n_run, *_run(study, store, work, asked, advance)
