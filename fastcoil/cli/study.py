@@ -74,7 +74,7 @@ def run(
         return shown.start(n, n - n_todo, what)
 
     def present(finished: Finished) -> None:
-        if not finished.n_run:
+        if not finished.is_new:
             say(f"{folder} holds this study, finished: nothing to do.")
         say(*summary(finished.results, asked.billing))
         say(f"Results: {folder / RESULTS}")

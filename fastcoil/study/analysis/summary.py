@@ -25,7 +25,7 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
     sizes = sizes_in_words(ds["status"].sizes)
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
-    if "wall_time_s" in ds.attrs:
+    if ds.attrs.get("scenario_days_per_s"):
         backend, n_jobs = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"]
         workers = ("thread" if backend == "threads" else f"{backend} worker") + ("" if n_jobs == 1 else "s")
         seconds, rate = ds.attrs["wall_time_s"], ds.attrs["scenario_days_per_s"]
