@@ -73,7 +73,7 @@ def run(
         return shown.start(n, n - n_todo, what)
 
     def present(finished: Finished) -> None:
-        if not finished.n_run:
+        if not finished.is_new:
             say(f"{folder} holds this study, finished: nothing to do.")
         say(*summary(finished.results, asked.billing))
         say(f"Results: {folder / RESULTS}")
@@ -124,7 +124,7 @@ def plan(study: Path, jobs: int | None) -> None:
     compile_kernel()
     seconds = reading + estimate_seconds(planned, n_jobs)
     sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"
-    alone, each = planned.memory_of_run(n_jobs, "threads")
+    alone, each = planned.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
     memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     if asked.precision:

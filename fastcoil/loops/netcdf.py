@@ -92,17 +92,19 @@ def parse(source: str | Path | bytes) -> netCDF4.Dataset:
     ``OSError``, ``RuntimeError`` or ``ValueError`` if it is no NetCDF file; damaged bytes may also crash the library or
     make it hang.
     """
-    if isinstance(source, (str, Path)):
-        return _opened(str(source))
-    return _opened("in memory", memory=source)
+    with _small_caches():
+        if isinstance(source, (str, Path)):
+            return netCDF4.Dataset(str(source))
+        return netCDF4.Dataset("in memory", memory=source)
 
 
-def _opened(name: str, **options: Any) -> netCDF4.Dataset:
-    """Open a file with the lock held; its variables, each read or written in one go, need no large caches."""
+@contextmanager
+def _small_caches() -> Iterator[None]:
+    """Give variables that are opened or made, with the lock held, small caches: each is read or written in one go."""
     size, n, preemption = netCDF4.get_chunk_cache()
     netCDF4.set_chunk_cache(_CACHE, n, preemption)
     try:
-        return netCDF4.Dataset(name, **options)
+        yield
     finally:
         netCDF4.set_chunk_cache(size, n, preemption)
 
@@ -147,9 +149,9 @@ def _written(
 ) -> Any:
     ds = with_numbers(ds.compute())  # values may be in another file, behind the same lock
     with NETCDF4_PYTHON_LOCK:
-        file = _opened(name, mode=mode, format="NETCDF4", **options)
+        file = netCDF4.Dataset(name, mode=mode, format="NETCDF4", **options)
     try:
-        with NETCDF4_PYTHON_LOCK:
+        with NETCDF4_PYTHON_LOCK, _small_caches():
             stored = xr.backends.NetCDF4DataStore(file, lock=False)  # type: ignore[no-untyped-call]
             ds.dump_to_store(stored, encoding=encoding)
         then(file)
@@ -211,7 +213,7 @@ def append_slabs(file: netCDF4.Dataset, name: str, like: xr.Variable, chunk: Seq
 
     like: a variable with its dims, shape, type and attributes.
     """
-    with NETCDF4_PYTHON_LOCK:
+    with NETCDF4_PYTHON_LOCK, _small_caches():
         for dim, size in like.sizes.items():
             if dim not in file.dimensions:
                 file.createDimension(str(dim), size)

@@ -83,6 +83,8 @@ _BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
 """Fewer, where workers would have nothing to do; more groups even out what they have to do."""
 _OF_KERNELS, _OF_PROCESS = 64 * 2**20, 170 * 2**20
 """Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
+_OF_PARAMETERS, _OF_SUMMARY = 2400, 70
+"""Bytes for each scenario: of a shard that runs, and of all in the merge and the summary, measured."""
 
 
 @dataclass(frozen=True)
@@ -141,23 +143,29 @@ class Plan:
         """Most memory that ``simulate`` takes: measured, five times the metrics and twice the traces."""
         return 5 * self.metric_bytes + 3 * self.trace_bytes
 
-    def memory_of_run(self, n_jobs: int, backend: str) -> tuple[int, int]:
+    def memory_of_run(self, n_jobs: int, backend: str, *, traces_kept: bool = True) -> tuple[int, int]:
         """Most memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
-        Itself: the kernels, the results, and a shard on its way to the disk, or in the merge the largest trace.  A
-        worker: three shards, a block and a day; one that is a process has Python, its libraries and the boundary too.
+        Itself: the kernels, the metrics of which the summary speaks, and shards on their way to the disk; the merge
+        takes no more.  A worker: a shard with its parameters, a block and a day; more where shards are copied, to be
+        reduced or for another process, which has Python, its libraries and the boundary too.
         """
         of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
-        of_shard = of_scenario * self._largest_shard(n_jobs)
-        each = 3 * of_shard + of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
+        largest = self._largest_shard(n_jobs)
+        copies = 1 if traces_kept and backend == "threads" else 3
+        each = (copies * of_scenario + _OF_PARAMETERS) * largest
+        each += of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
         if backend != "threads":
             each += _OF_PROCESS + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
-        largest = max((self._trace_bytes(name) for name in self.traces.names), default=0)
-        return _OF_KERNELS + 6 * self.metric_bytes + max(2 * of_shard, largest), each
+        return _OF_KERNELS + _OF_SUMMARY * self.n_scenarios + 3 * of_scenario * largest, each
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
-        """Most room that a study takes on disk, while it is merged."""
-        return 2 * self.metric_bytes + 3 * self.trace_bytes * traces_kept
+        """Most room that a study takes on disk, while it is merged: shards and results, were these not compressed.
+
+        Metrics are put together in between, and traces of days in sequence, whose shards are not in their order.
+        """
+        of_shards = sum(self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names)
+        return 3 * self.metric_bytes + (3 if self.carry_over else 2) * of_shards * traces_kept
 
     def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
         """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.

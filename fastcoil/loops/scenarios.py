@@ -3,7 +3,7 @@
 import hashlib
 import math
 import threading
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import cached_property
 from itertools import accumulate
 from typing import Any
@@ -261,13 +261,12 @@ def flat_dataset(
 def join_flat(
     n_scenarios: int,
     parts: Iterable[xr.Dataset],
-    names: Collection[str] | None = None,
     allocate: Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray] = np.full,
 ) -> xr.Dataset:
     """Join flat parts (see ``flat_dataset``) into one Dataset of all scenarios.
 
-    names: the variables to join, all by default.  allocate: makes an array of a shape, value and type.
-    A scenario that no part holds gets the status ``not_run`` and NaN as results.
+    allocate: makes an array of a shape, value and type.  A scenario that no part holds gets the status ``not_run`` and
+    NaN as results.
 
     ``IntegrityError`` if two parts hold the same scenario.
     """
@@ -283,9 +282,7 @@ def join_flat(
             raise IntegrityError(f"scenario {index[seen[index]][0]} was found twice: delete the folder and run again")
         seen[index] = True
         first = check_same_form(first, part)
-        for name in part.data_vars if names is None else names:
-            if name not in part.variables:
-                continue  # of crashed scenarios
+        for name in part.data_vars:
             variable = part.variables[name]
             values = variable.values
             if name not in whole:

@@ -35,11 +35,12 @@ from fastcoil.study.workers import Job, check_backend, make_pool, run_shards
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished study: where, what, and how many scenarios this call ran."""
+    """A finished study: where, what, how many scenarios this call ran, and whether it made these results."""
 
     folder: Path
     results: xr.Dataset
     n_run: int
+    is_new: bool = True
 
 
 SCENARIO_DAYS = "scenario-days"
@@ -156,7 +157,7 @@ def execute(
             if isinstance(work, tuple):
                 finished = _run_and_merge(study, store, work, (backend, n_jobs, scheduler), progress, what)
             else:
-                finished = Finished(store.path, work, 0)
+                finished = Finished(store.path, work, 0, is_new=False)
             n_run += finished.n_run
             more, extend = study.larger(finished.results), True
             if more and study.precision:
@@ -167,15 +168,9 @@ def execute(
 
 
 def execute_share(
-    study: Study,
-    folder: Path,
-    share: Share,
-    *,
-    n_jobs: int | None = None,
-    backend: str = "threads",
-    scheduler: str | None = None,
-    progress: Progress | None = None,
-) -> int | None:
+    study: Study, folder: Path, share: Share, n_jobs: int | None = None, backend: str = "threads",
+    scheduler: str | None = None, progress: Progress | None = None,
+) -> int | None:  # fmt: skip
     """Run a share of a study into ``folder``, where others run the rest; ``execute`` merges them.
 
     Returns the number of scenarios that it ran, ``None`` if the study is finished there.
@@ -186,21 +181,18 @@ def execute_share(
         raise InputError(
             "--shard: how many samples a study with [run] precision draws depends on all results: run it without"
         )
-    with storage_errors(folder, "found"):
-        store = StudyFolder(folder.absolute())
     plan, own = study.plan, share.index(study.plan)
     of_share = progress and (lambda n_missing, n, what: progress(n_missing, own.size, what))
+    with storage_errors(folder, "found"):
+        store = StudyFolder(folder.absolute())
     with hold(store.path, str(share)):
         load_rules(plan.layout.loop.rules, study.rules)
         work = _decide(study, store, extend=False, own=own)
-        if not isinstance(work, tuple):
-            return None
-        *_, missing = work
-        if missing.size:
-            needed = plan.disk_bytes(traces_kept=study.reduction is None) * missing.size // plan.n_scenarios
+        if isinstance(work, tuple) and work[2].size:
+            needed = plan.disk_bytes(traces_kept=study.reduction is None) * work[2].size // plan.n_scenarios
             check_disk(needed, store.path)
             _run_missing(study, store, work, (backend, n_jobs, scheduler), of_share, SCENARIO_DAYS)
-        return missing.size
+        return work[2].size if isinstance(work, tuple) else None
 
 
 def _in_folder(study: Study, store: StudyFolder, extend: bool) -> Study:
@@ -299,7 +291,7 @@ def _run_missing(
     """Run what is missing: the numbers of scenarios and of workers, and the manifest."""
     plan, (backend, n_jobs, scheduler), (*_, missing) = study.plan, asked, work
     if scheduler is None:
-        check_workers(*plan.memory_of_run(n_jobs, backend), n_jobs)
+        check_workers(*plan.memory_of_run(n_jobs, backend, traces_kept=study.reduction is None), n_jobs)
     n_run = sum(shard.size for shard in shards_of(plan, n_jobs, missing))
     advance = progress(n_run, plan.n_scenarios, what) if progress else lambda n: None
     return n_run, *_run(study, store, work, asked, advance)

@@ -5,12 +5,16 @@ import shlex
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import click
 import pytest
 from click.testing import CliRunner
+from helpers.processes import environment
+from helpers.studies import PLAIN, golden
 from test_pages import PAGES, blocks, commands, is_named
 
+import fastcoil as fc
 from fastcoil.cli.main import main
 
 RUN_IN_ORDER = {"python", "toml", "sh", "text"}
@@ -25,6 +29,8 @@ ELSEWHERE = {
     ("docs/findings/paper.md", "sh"): "minutes of simulation: tests/studies/paper runs it in parts",
     ("docs/clusters.md", "text"): "what `fastcoil plan` says of a study with its own code",
     ("docs/clusters.md", "yaml"): "settings of dask",
+    ("docs/clusters.md", "bash"): "run below, without a queue",
+    ("docs/clusters.md", "py"): "run below, without a queue",
 }
 
 
@@ -54,6 +60,48 @@ def test_the_options_of_dask_exist():
         assert isinstance(command, click.Command)
         known = {option for p in command.params for option in p.opts}
         assert {word for word in words if word.startswith("--")} <= known
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("kind", ["SLURM", "PBS"])
+def test_the_scripts_for_job_arrays_run(kind, tmp_path):
+    """By bash alone: ``sbatch`` is a function that runs a script for each task of the array, and what it depends on."""
+    (tmp_path / "study.toml").write_text(PLAIN)
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    command = tmp_path / ".venv" / "bin" / "fastcoil"
+    command.write_text(f'#!/bin/sh\nexec {sys.executable} -m fastcoil "$@" --no-figures\n')
+    command.chmod(0o755)
+    array, merge, submit, pbs = named("clusters.md", "bash")
+    (tmp_path / "array.sh").write_text(array if kind == "SLURM" else pbs)
+    (tmp_path / "merge.sh").write_text(merge)
+    (tmp_path / "bash").write_text(
+        "set -e\nexport SLURM_CPUS_PER_TASK=1 PBS_O_WORKDIR=$PWD\nsbatch() {\n"
+        "for k in $([ $2 = array.sh ] && seq 8 || echo 0); do SLURM_ARRAY_TASK_ID=$k PBS_ARRAY_INDEX=$k bash $2; done\n"
+        f"}}\n{submit}"
+    )
+    found = subprocess.run(
+        ["bash", "bash"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=300, check=False
+    )
+    assert found.returncode == 0, found.stderr
+    assert fc.open_study(tmp_path / "results" / "study").attrs["content_sha256"] == golden(PLAIN)
+    assert "finished: nothing to do" not in found.stdout
+
+
+@pytest.mark.kernel
+def test_the_script_for_dask_jobqueue_runs(tmp_path, monkeypatch, two_workers):
+    class Cluster:
+        scheduler_address, scale = two_workers.address, lambda self, jobs: None
+
+        def __init__(self, cores, processes, memory, walltime):
+            assert cores == processes
+
+        __enter__, __exit__ = lambda self: self, lambda *_: None
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Cluster))
+    (tmp_path / "study.toml").write_text(PLAIN)
+    exec(named("clusters.md", "py")[0], {"__name__": "__main__"})
+    assert fc.open_study("results/study").attrs["content_sha256"] == golden(PLAIN)
 
 
 @pytest.mark.kernel

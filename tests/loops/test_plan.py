@@ -107,12 +107,16 @@ def test_the_memory_of_a_run_is_that_of_its_results_its_shards_and_its_workers(d
     loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 4000)))
     plain = plan_simulation(loop, days, warm_up=60)
     traced = plan_simulation(loop, days, warm_up=60, traces=["T_c", "u"])
-    alone, each = plain.memory_of_run(2, "threads")
-    assert alone > 5 * plain.metric_bytes
+    many = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 400_000)))
+    larger = plan_simulation(many, days, warm_up=60, traces=["T_c", "u"], traces_on_disk=True)
     for n_jobs in (1, 2, 16):
         alone, each = traced.memory_of_run(n_jobs, "threads")
-        assert alone + n_jobs * each > 8 / 9 * traced.trace_bytes  # T_c is put together as a whole
+        assert each < traced.memory_of_run(n_jobs, "threads", traces_kept=False)[1]
+        more = larger.memory_of_run(n_jobs, "threads")  # a hundred times the traces, in shards of the same size
+        assert sum(more) < alone + each + larger.metric_bytes + 6 * 64 * 2**20
         assert traced.memory_of_run(n_jobs, "loky")[1] > each + 100 * 2**20
+    assert traced.trace_bytes < traced.disk_bytes() < 3 * traced.trace_bytes
+    assert traced.disk_bytes(traces_kept=False) == plain.disk_bytes()
     year = plan_simulation(fc.Loop(), fc.constant_day(hours=400))
     assert year.memory_of_run(1, "threads")[1] > 2 * year.boundary_bytes
 

@@ -355,7 +355,7 @@ def change_of(values: xr.DataArray, partners: xr.DataArray) -> xr.DataArray:
 
 def without_off_days(ds: xr.Dataset) -> xr.Dataset:
     """A result without metrics on the days on which a loop was off all day, whose travel of 0 would shift medians."""
-    if "rmse" not in ds:
+    if "rmse" not in ds or bool(ds["rmse"].notnull().all()):
         return ds
     on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
     return ds.assign({n: v.where(on) for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims})

@@ -16,7 +16,7 @@ from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
 from fastcoil.study.analysis.precision import precision_of
 from fastcoil.study.analysis.selected import numeric_dims
 
-_COUNTED = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency", "status")
+_COUNTED = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency")
 PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
 
 
@@ -25,7 +25,7 @@ def summary(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     n, failed = ds["status"].size, int((ds["status"].values != STATUS_OK).sum())
     sizes = sizes_in_words(ds["status"].sizes)
     lines = [str(ds.attrs.get("title", "")), f"{n:,} scenario-days ({sizes})" if sizes else "1 scenario-day"]
-    if "wall_time_s" in ds.attrs:
+    if ds.attrs.get("scenario_days_per_s"):
         backend, n_jobs = ds.attrs.get("engine", "threads"), ds.attrs["n_jobs"]
         workers = ("thread" if backend == "threads" else f"{backend} worker") + ("" if n_jobs == 1 else "s")
         seconds, rate = ds.attrs["wall_time_s"], ds.attrs["scenario_days_per_s"]
@@ -66,7 +66,7 @@ def cautions(ds: xr.Dataset) -> list[str]:
 
 def findings(ds: xr.Dataset, billing: Billing | None = None) -> list[str]:
     """The answer of results of which not everything failed, with ``billing`` also its costs: a sentence a line."""
-    # without traces, which comparisons would load, and other metrics
+    # without traces and other metrics, which comparisons would load
     counted = without_off_days(ds[[name for name in _COUNTED if name in ds]])
     if ds["status"].size == 1:
         answer = _of_one(counted)
@@ -100,7 +100,7 @@ def comparable(ds: xr.Dataset) -> xr.Dataset:
 
     Where every loop has a dead band, all of them count.
     """
-    if "backlash" in ds.coords:
+    if "backlash" in ds.coords and not bool((ds["backlash"] > 0.0).all()):
         ds = ds.where(ds["backlash"] > 0.0)
     band = ds.coords.get("error_dead_band")
     return ds if band is None or not bool((band == 0.0).any()) else ds.where(band == 0.0)

@@ -1,0 +1,187 @@
+"""Studies larger than the memory: merged, hashed, opened and summarised piece by piece, with the same results."""
+
+import tracemalloc
+import warnings
+
+import numpy as np
+import pytest
+from helpers.commands import fastcoil
+from helpers.processes import cut
+from helpers.studies import PLAIN, TRACED, copied, golden, larger, resume, run, run_until_interrupted, shards, verify
+from hypothesis import given
+from hypothesis import strategies as st
+
+import fastcoil as fc
+from fastcoil.base.errors import StorageError
+from fastcoil.loops import netcdf
+from fastcoil.loops.provenance import variable_sha256
+from fastcoil.loops.scenarios import flat_dataset, join_flat
+from fastcoil.model.metric_table import METRICS
+from fastcoil.study import run as runner
+from fastcoil.study.analysis.summary import summary
+from fastcoil.study.folder import merged, results, stored
+from fastcoil.study.maintenance import status
+
+pytestmark = pytest.mark.kernel
+
+VOLUMES = TRACED.replace('["T_sup", "mode"]', '["mode", "T_c", "T_sup"]')
+SEQUENCE = TRACED + "carry_over = true\n"
+
+
+@pytest.fixture
+def slabs_of_one(monkeypatch):
+    """Every slab has one scenario, and every chunk some points of it."""
+    monkeypatch.setattr(netcdf, "_SLAB", 1)
+    monkeypatch.setattr(netcdf, "_CHUNK", 5)
+
+
+# --- the merge --------------------------------------------------------------------------------------------------------
+
+
+@given(data=st.data())
+def test_values_come_in_flat_order_whatever_the_order_of_the_parts(data, tmp_path_factory):
+    n = data.draw(st.integers(1, 30))
+    order = data.draw(st.permutations(range(n)) | st.just(range(n)))
+    size = data.draw(st.integers(1, n))
+    edges = sorted({0, n, *data.draw(st.lists(st.integers(0, n)))})
+    nothing = np.zeros((len(METRICS), n))
+    parts = []
+    for start in range(0, n, size):
+        index = np.array(order[start : start + size])
+        trace = {"T_w": index[:, np.newaxis, np.newaxis] + np.array([[0.0, 0.25], [0.5, np.nan]])}
+        parts.append(flat_dataset(index, nothing[:, : index.size], np.zeros(index.size), trace, 1))
+    folder = tmp_path_factory.getbasetemp()
+    pieces = [*merged.in_flat_order(iter(parts), "T_w", np.array(edges), folder)]
+    assert [len(piece) for piece in pieces] == np.diff(edges).tolist()
+    np.testing.assert_array_equal(np.concatenate(pieces), join_flat(n, parts)["T_w"].values)
+
+
+@pytest.mark.parametrize("text", [TRACED, VOLUMES, SEQUENCE], ids=["traced", "volumes", "sequence"])
+def test_hashes_are_those_of_whole_arrays(out, text, slabs_of_one):
+    loop = fc.Loop(noise_std=0.02, backlash=[0.02, 0.07], estimate_ratio=[0.0, 0.9])
+    names = ["T_sup", "mode", *(["T_c"] if text == VOLUMES else [])]
+    whole = fc.simulate(
+        loop, fc.paper_day(hours=0.25, seed=[1, 2, 3]), warm_up=100, traces=names, trace_interval=50,
+        carry_over=text == SEQUENCE,
+    )  # fmt: skip
+    assert run(text, out) == golden(text)
+    ds = fc.open_study(out)
+    for name in names:
+        assert variable_sha256(whole[name].variable) == variable_sha256(ds[name].variable), name
+        assert ds[name].identical(whole[name]), name
+    assert verify(out) == []
+    assert run(larger(text), out, extend=True) == golden(larger(text))
+    assert verify(out) == []
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, StorageError("no room")], ids=["killed", "full"])
+@pytest.mark.parametrize("extend", [False, True], ids=["run", "extended"])
+def test_a_merge_that_ends_among_its_slabs_is_done_again(out, monkeypatch, slabs_of_one, error, extend):
+    text = larger(SEQUENCE) if extend else SEQUENCE
+    if extend:
+        copied(SEQUENCE, out)
+        before = {path.name: path.read_bytes() for path in out.glob("*.nc")}
+    original = merged.in_flat_order
+
+    def ends(*words):
+        for k, values in enumerate(original(*words)):
+            if k == 2 and words[1] == "mode":
+                raise error
+            yield values
+
+    with monkeypatch.context() as patched:
+        patched.setattr(merged, "in_flat_order", ends)
+        with pytest.raises((KeyboardInterrupt, StorageError)):
+            run(text, out, extend=extend)
+    assert shards(out)
+    assert verify(out) == []
+    if extend:
+        assert {path.name: path.read_bytes() for path in out.glob("*.nc")} == before
+    resume(out, text, extend=extend)
+
+
+def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatch):
+    monkeypatch.setattr(netcdf, "_SLAB", 2**16)
+    monkeypatch.setattr(netcdf, "_CHUNK", 2**12)
+    cut(monkeypatch, 2)
+    original, peaks, sizes = runner.merge, [], []
+
+    def merge(folder, study, *words):
+        tracemalloc.start()
+        try:
+            return original(folder, study, *words)
+        finally:
+            peaks.append(tracemalloc.get_traced_memory()[1])
+            sizes.append(study.plan.trace_bytes)
+            tracemalloc.stop()
+
+    monkeypatch.setattr(runner, "merge", merge)
+    text = VOLUMES.replace("interval = 50", "interval = 1").replace("hours = 0.25", "hours = 1")
+    for k, days in enumerate((1, 3, 12)):  # the first imports what is needed
+        run(text.replace("seed = [1, 2, 3]", f"seed = {[*range(days)]}"), tmp_path / str(k))
+    assert sizes[2] > 4 * sizes[0] > 2**20
+    assert peaks[2] < 1.2 * peaks[1]
+    assert peaks[2] < sizes[2] / 3
+
+
+# --- opened -----------------------------------------------------------------------------------------------------------
+
+
+def test_traces_have_chunks_for_dask_that_are_read_one_by_one(out, slabs_of_one, monkeypatch):
+    pytest.importorskip("dask")
+    run(VOLUMES, out)
+    ds, read = fc.open_study(out), netcdf._OnDisk._read
+    chunks = ds["T_c"].encoding["preferred_chunks"]
+    assert chunks == {"day": 1, "backlash": 1, "estimate_ratio": 1, "volume": 8, "elapsed_time": 18}
+    shapes = []
+
+    def counted(self, key):
+        shapes.append(read(self, key).shape)
+        return read(self, key)
+
+    monkeypatch.setattr(netcdf._OnDisk, "_read", counted)
+    hottest = ds["T_c"].chunk(chunks).max("elapsed_time")
+    assert shapes == []
+    np.testing.assert_array_equal(hottest.values, ds["T_c"].load().max("elapsed_time").values)
+    assert shapes[:-1] == [(1, 1, 1, 8, 18)] * 12
+
+
+def test_a_summary_a_report_a_table_a_figure_and_a_status_load_no_trace(out, tmp_path, monkeypatch):
+    text = TRACED.replace("backlash = [0.02", "backlash = [0.0, 0.02")
+    run(text, out)
+    monkeypatch.setattr(netcdf._OnDisk, "_read", None)
+    assert summary(fc.open_study(out))
+    for words in (
+        ["report", out, "-o", tmp_path / "report.html"], ["export", out, "--csv", "-o", tmp_path / "table.csv"],
+        ["plot", out, "-x", "backlash", "--relative-to", "estimate_ratio=0", "-o", tmp_path / "figure.png"],
+        ["status", out], ["cite", out], ["run", out.with_name("study.toml"), "-o", out],
+    ):  # fmt: skip
+        found = fastcoil(*words)
+        assert found.exit_code == 0, found.output
+
+
+def test_an_unfinished_study_is_opened_without_traces_that_do_not_fit(out, monkeypatch):
+    run_until_interrupted(TRACED, out, 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert fc.open_study(out)["T_sup"].shape == (3, 2, 2, 18)
+    monkeypatch.setattr(results, "available_memory", lambda: 1000)
+    with pytest.warns(UserWarning, match="unfinished, and its traces, .* KiB, do not fit into memory: they are left"):
+        ds = fc.open_study(out)
+    assert "T_sup" not in ds
+    assert int((ds["status"] == 0).sum()) == 8
+    assert "Unfinished: 8 of 12 scenarios (8 ok, 4 not_run)" in status(out)
+
+
+@pytest.mark.parametrize("text", [PLAIN + "predict = true\n", TRACED], ids=["predicted", "traced"])
+def test_metrics_that_stay_on_the_disk_are_the_same(out, text, monkeypatch):
+    copied(text, out)
+    eager = fc.open_study(out).load()
+    monkeypatch.setattr(stored, "_MOST_METRICS", 0)
+    lazy = fc.open_study(out)
+    assert not isinstance(lazy["rmse"].variable._data, np.ndarray)
+    assert [*lazy.data_vars] == [*eager.data_vars]
+    assert lazy.load().identical(eager)
+    assert verify(out) == []
+    assert run(text, out) == golden(text)
+    assert run(larger(text), out, extend=True) == golden(larger(text))

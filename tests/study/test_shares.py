@@ -1,0 +1,212 @@
+"""`fastcoil run --shard K/N`: shares of a study, run by several commands in any order, and merged by one without it."""
+
+import errno
+import fcntl
+import os
+import re
+import shutil
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from helpers.commands import fastcoil
+from helpers.processes import cut, environment
+from helpers.studies import PLAIN, TRACED, contents, larger, resume, shards, verify, write_study
+from hypothesis import given
+from hypothesis import strategies as st
+
+import fastcoil as fc
+from fastcoil.base.errors import LockedError
+from fastcoil.loops.plan import Share, plan_simulation
+from fastcoil.study import run as runner
+from fastcoil.study.folder.folder import hold
+from fastcoil.study.folder.stored import Manifest
+from fastcoil.study.maintenance import status
+
+pytestmark = pytest.mark.kernel
+
+SEQUENCE = TRACED + "carry_over = true\n"
+
+
+def share(text, out, word, **options):
+    """Run a share, with one worker; how many scenarios it ran."""
+    return runner.execute_share(write_study(text, out), out, Share.parse(word), n_jobs=1, **options)
+
+
+def interrupted(text, out, word):
+    """Run a share, which ends as by a kill after its first shard."""
+
+    def stop(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        share(text, out, word, progress=lambda *_: stop)
+
+
+@given(st.integers(1, 40), st.integers(1, 9), st.booleans())
+def test_shares_are_all_scenarios_once_and_of_days_in_sequence_whole_lanes(n_loops, n, carry_over):
+    loop = fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, n_loops)))
+    day = fc.Boundary(m_a=np.full((3, 120), 1.0), T_a_in=25.0, W_a_in=0.01, T_w_in=7.0, T_set=14.0)
+    plan = plan_simulation(loop, day, warm_up=60, carry_over=carry_over)
+    found = [Share(k, n).index(plan) for k in range(1, n + 1)]
+    assert np.sort(np.concatenate(found)).tolist() == [*range(3 * n_loops)]
+    assert all(np.all(np.diff(index) > 0) for index in found)
+    if carry_over:
+        assert all(np.bincount(index % n_loops).max() == 3 for index in found if index.size)
+    else:
+        assert all(a[-1] < b[0] for a, b in pairwise(index for index in found if index.size))
+
+
+@pytest.mark.parametrize("text", [PLAIN, TRACED, SEQUENCE], ids=["plain", "traced", "sequence"])
+def test_shares_in_any_order_one_twice_and_one_killed_make_the_study(out, text, monkeypatch):
+    if text != SEQUENCE:
+        cut(monkeypatch, 2)
+    assert share(text, out, "3/3") > 0
+    before = contents(out / "shards")
+    assert share(text, out, "3/3") == 0
+    assert contents(out / "shards") == before
+    interrupted(text, out, "1/3")
+    done = {int(found[1]) for path in shards(out) if (found := re.match(r"(\d+)-", path.name))}
+    assert len(done) >= 2
+    said = "\n".join(status(out))
+    assert "Unfinished: " in said
+    assert re.search(r"Of 3 shares [12] are to be run: (1/3, )?2/3\.", said)
+    assert share(text, out, "1/3") < 12 // 3 + (text == SEQUENCE)
+    assert share(text, out, "2/3") > 0
+    assert "Of 3 shares" not in "\n".join(status(out))
+    assert any(line.startswith("Unfinished: 12 of 12") for line in status(out))  # not merged yet
+    assert verify(out) == []
+    resume(out, text)
+    assert not list(out.glob(".lock-*"))
+    files = contents(out)
+    assert share(text, out, "2/3") is None
+    assert {name: files.get(name) for name in contents(out) if not name.startswith(".")} == {
+        name: what for name, what in files.items() if not name.startswith(".")
+    }
+
+
+def test_what_no_share_ran_is_run_by_the_merge_and_shares_of_other_numbers_may_overlap(out, monkeypatch):
+    cut(monkeypatch, 1)
+    share(TRACED, out, "1/2")
+    share(TRACED, out, "4/9")
+    assert share(TRACED, out, "9/9") == 2
+    resume(out, TRACED)
+
+
+def test_a_damaged_shard_of_a_share_is_computed_again_and_one_of_another_left_alone(out, monkeypatch):
+    cut(monkeypatch, 2)
+    share(PLAIN, out, "1/2")
+    share(PLAIN, out, "2/2")
+    mine, other = shards(out)[-1], shards(out)[0]
+    sound = mine.read_bytes()
+    for path in (mine, other):
+        path.write_bytes(b"damaged")
+    with pytest.warns(UserWarning, match=re.escape(mine.name)) as warned:
+        assert share(PLAIN, out, "2/2") == 2
+    assert len(warned) == 1
+    assert mine.read_bytes() == sound
+    assert other.read_bytes() == b"damaged"
+
+
+def test_a_share_on_another_cpu_is_told(out, monkeypatch):
+    share(PLAIN, out, "1/3")
+    monkeypatch.setattr("fastcoil.loops.simulate.compiled_for", lambda: {"cpu": "another"})
+    with pytest.warns(UserWarning, match="was computed elsewhere .*cpu .*, now another"):
+        share(PLAIN, out, "2/3")
+    monkeypatch.undo()
+    share(PLAIN, out, "3/3")
+    runner.execute(write_study(PLAIN, out), out)
+    manifest = Manifest.read(out)
+    assert {"cpu": "another"} in manifest.computed_on
+    assert len(manifest.computed_on) == 2
+
+
+# --- at the same time -------------------------------------------------------------------------------------------------
+
+
+def test_shares_run_at_the_same_time_in_processes_of_their_own(out):
+    write_study(TRACED, out)
+    command = [sys.executable, "-m", "fastcoil", "run", "study.toml", "-o", "out", "-j", "1", "--shard"]
+    options = {"cwd": out.parent, "env": environment(), "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    running = [subprocess.Popen([*command, word], **options, text=True) for word in ("1/2", "2/2")]
+    for process in running:
+        said, complaint = process.communicate(timeout=120)
+        assert process.returncode == 0, complaint
+        assert (
+            "is finished: 6 scenario-days run now.  When all are, to merge them: fastcoil run study.toml -o out" in said
+        )
+    resume(out, TRACED)
+
+
+def test_the_same_share_is_not_run_twice_at_once_and_not_beside_a_run_of_all(out, monkeypatch):
+    monkeypatch.setattr("fastcoil.study.folder.folder._PATIENCE_OF_SHARE", 0.1)
+    with hold(out, "1-of-2"):
+        with pytest.raises(LockedError, match=f"share 1 of 2 of .*out is in use by another run .process {os.getpid()}"):
+            share(PLAIN, out, "1/2")
+        assert "Shares that are being run: 1/2." in status(out)
+        assert share(PLAIN, out, "2/2") == 6
+        assert "Of 2 shares 0 are to be run." in status(out)
+        with pytest.raises(LockedError, match="share 1 of 2 of .*wait for it to end"):
+            runner.execute(write_study(PLAIN, out), out)
+    with hold(out), pytest.raises(LockedError, match=f"^{out} is in use by another run"):
+        share(PLAIN, out, "1/2")
+    assert share(PLAIN, out, "1/2") == 6
+    resume(out, PLAIN)
+
+
+@pytest.mark.filterwarnings("ignore:flock not supported")
+@pytest.mark.parametrize("number", [errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS])
+def test_a_file_system_without_locks_takes_shares_and_another_one_merges_them(out, monkeypatch, number):
+    def refuse(*_):
+        raise OSError(number, os.strerror(number))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(fcntl, "flock", refuse)
+        share(PLAIN, out, "1/2")
+        share(PLAIN, out, "2/2")
+        found = fastcoil("run", out.with_name("study.toml"), "-o", out)
+        assert found.exit_code == 4
+        assert "choose a folder on another file system" in found.output
+    copy = out.with_name("copy")
+    shutil.copytree(out, copy)
+    resume(copy, PLAIN)
+
+
+# --- refused ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        *((["--shard", word], f"--shard {word}: give K/N, the K-th of N shares, such as 1/8 to 8/8")
+          for word in ("0/3", "4/3", "1", "a/b", "1/0", "-1/2", "1/2/3")),
+        (["--shard", "1/2", "--extend"], "--shard and --extend: an extension is one run"),
+        (["--shard", "1/2", "-o", "s3://bucket/out"], "is an address, and fastcoil reads and writes local files"),
+    ],
+)  # fmt: skip
+def test_a_bad_share_is_refused_in_a_sentence(out, words, said):
+    write_study(PLAIN, out)
+    found = fastcoil("run", out.with_name("study.toml"), "-o", out, *words)
+    assert found.exit_code == 2
+    assert said in found.stderr
+    assert not out.exists()
+
+
+def test_a_share_of_a_study_with_precision_or_of_another_study_is_refused(out):
+    precise = PLAIN.replace(
+        "[sweep]\nbacklash = [0.02, 0.07]", "[sample]\nmethod = 'sobol'\nsize = 4\nbacklash = { uniform = [0.0, 0.1] }"
+    )
+    precise = precise.replace("estimate_ratio = [0.0, 0.9]\n", "")
+    precise += 'precision = { metric = "rmse", half_width = 1.0 }\n'
+    with pytest.raises(fc.InputError, match="--shard: how many samples a study with .run. precision draws depends"):
+        share(precise, out, "1/2")
+    assert not out.exists()
+    share(PLAIN, out, "1/2")
+    before = contents(out)
+    with pytest.raises(fc.InputError, match="holds another study"):
+        share(larger(PLAIN), out, "1/2")
+    assert {name: before.get(name) for name in contents(out) if not name.startswith(".lock")} == {
+        name: what for name, what in before.items() if not name.startswith(".lock")
+    }
