@@ -100,16 +100,16 @@ def draw_noise(S, t, k, common, day):
 
 
 @section
-def control(S, t, T_set, noise, enabled, counts_switches, parts):
+def control(S, t, T_set, noise, enabled, counts_switches, parts, all_sample):
     """Run PI and inverse of the lanes that sample now; the others hold u, and so their command.
 
-    parts: a Control.
+    parts: a Control.  all_sample: all lanes do, and none needs a division to find out.
     """
     for j in range(LANES):
         resolution = S[R.sensor_resolution + j] if parts.has_resolution else 0.0
         y = measured(S[R.y_s + j], S[R.noise + j] + noise, resolution)
         e = S[R.sign + j] * (y - T_set)
-        due = sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
+        due = all_sample or sample_number(t, S[R.sample_time + j]) * S[R.sample_time + j] == t
         integral = integrated(S[R.integral + j], e, S[R.ki + j])
         u = S[R.decided + j] if parts.has_law else desired_opening(e, integral, S[R.kp + j])
         integral = 0.0 if parts.has_law else integral
@@ -228,6 +228,6 @@ def control_stage(parts: Control) -> Any:
     def controller(S, t, T_set, noise, enabled, counts_switches):
         if has_test:
             run_test(S, t, T_set, noise, enabled)
-        control(S, t, T_set, noise, enabled, counts_switches, parts)
+        control(S, t, T_set, noise, enabled, counts_switches, parts, False)
 
     return CONTROL.compiled(controller, repr(parts))

@@ -142,10 +142,12 @@ def emulate(rows, common, day, S, V, own, own_law, metrics, status, traced_rows,
                 if has_law:
                     call_law(common.law, (S, own_law, float(clock), T_set, noise, m_a, enabled, False))
                 counts = 1.0 if flags & IN_SWITCH_BLOCK else 0.0
-                if common.control == BUILT_IN:
-                    control(S, clock, T_set, noise, enabled, counts, PLAIN)
-                else:
+                if common.control != BUILT_IN:
                     call_control(common.control, (S, clock, T_set, noise, enabled, counts))
+                elif samples and common.samples_together:
+                    control(S, clock, T_set, noise, enabled, counts, PLAIN, True)
+                else:
+                    control(S, clock, T_set, noise, enabled, counts, PLAIN, False)
                 running = True
             was_enabled = enabled
         if open_loop or running:

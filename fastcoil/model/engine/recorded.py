@@ -192,7 +192,7 @@ def command_of(rows, common, series, S, V, own, own_law, traced_rows, interval, 
             if has_law:
                 call_law(common.law, (S, own_law, float(t), T_set, 0.0, m_a, enabled, False))
             if common.control == BUILT_IN:
-                control(S, t, T_set, 0.0, enabled, 0.0, PLAIN)
+                control(S, t, T_set, 0.0, enabled, 0.0, PLAIN, False)
             else:
                 call_control(common.control, (S, t, T_set, 0.0, enabled, 0.0))
         was_enabled = enabled

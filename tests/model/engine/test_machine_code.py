@@ -40,7 +40,7 @@ def assembly_of(name):
     every = controller.Control(*(True for _ in controller.PLAIN))
     section, signature = {
         "control, all parts": (
-            lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, every),
+            lambda S, t, T, v, on, n: controller.control(S, t, T, v, on, n, every, False),
             (A, i, f, f, b, f),
         ),
         "actuate with zones and slips": (stem.actuate, (A, b, *map(T.literal, (1, 1, 1, 0)))),
