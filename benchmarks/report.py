@@ -33,16 +33,18 @@ PAUSE = 0.0 if QUICK else 0.1
 """Before each run, s: idle threads of the one before stop spinning."""
 
 
-def alternate(runs: Mapping[Any, Callable[[], object]], rounds: int) -> dict[Any, np.ndarray]:
+def alternate(
+    runs: Mapping[Any, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[Any, np.ndarray]:
     """Seconds of each run, (rounds,): A B C C B A A B C …, so that a slow moment of the machine hits all."""
     seconds: dict[Any, list[float]] = {name: [] for name in runs}
     for k in range(WARM_UP_ROUNDS + rounds):
         for name, run in list(runs.items())[:: -1 if k % 2 else 1]:
             time.sleep(PAUSE)
-            start = time.perf_counter()
+            start = clock()
             run()
             if k >= WARM_UP_ROUNDS:
-                seconds[name].append(time.perf_counter() - start)
+                seconds[name].append(clock() - start)
     return {name: np.array(s) for name, s in seconds.items()}
 
 

@@ -64,27 +64,38 @@ class _Day(ctypes.Structure):
     ]
 
 
-def _output(*command: str) -> str:
-    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+def _output(*words: str) -> str:
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout
 
 
-@functools.cache
-def compiled(lanes: int = LANES, extra: tuple[str, ...] = ()) -> ctypes.CDLL:
-    """Return the library for a block size; compiled once per source, flags and machine.
+def command(*to: str) -> list[str]:
+    """The command that compiles ``coil_loop.c`` for this machine, with further words that say to what.
 
     Raises
     ------
     Unavailable
-        Where there is no gcc, or it fails.
+        Where there is no gcc.
     """
     gcc = shutil.which("gcc")
     if gcc is None:
         raise Unavailable("the C peer needs gcc, which is not on the PATH")
     macros = {name: repr(getattr(common, name)) for name in MACROS}
     macros |= {name: str(getattr(metrics, name)) for name in FLAGGED}
-    macros |= {"LANES": str(lanes), "LOG_M_MAX": repr(math.log(common.M_MAX)), "SUMS": ",".join(SUMS)}
+    macros |= {"LANES": str(LANES), "LOG_M_MAX": repr(math.log(common.M_MAX)), "SUMS": ",".join(SUMS)}
     macros |= {"MOVED": repr(metrics.MOVED), "OFF_ERROR": repr(OFF)}
-    flags = [*FLAGS, *extra, *(f"-D{name}={value}" for name, value in macros.items())]
+    return [gcc, "-std=gnu11", *FLAGS, *(f"-D{name}={value}" for name, value in macros.items()), str(SOURCE), *to]
+
+
+@functools.cache
+def compiled() -> ctypes.CDLL:
+    """Return the library; compiled once per source, flags and machine.
+
+    Raises
+    ------
+    Unavailable
+        Where there is no gcc, or it fails.
+    """
+    gcc, *flags = command()
     native = _output(gcc, "-march=native", "-Q", "--help=target")
     parts = [SOURCE.read_text(), *flags, _output(gcc, "--version"), native]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
@@ -94,8 +105,8 @@ def compiled(lanes: int = LANES, extra: tuple[str, ...] = ()) -> ctypes.CDLL:
     library = folder / f"coil_loop-{key}.so"
     if not library.exists():
         unfinished = library.with_suffix(f".{os.getpid()}")
-        command = [gcc, "-std=gnu11", "-shared", "-fPIC", *flags, str(SOURCE), "-o", str(unfinished), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        words = command("-shared", "-fPIC", "-o", str(unfinished), "-lm")
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode:
             raise Unavailable(f"the C peer does not compile: {done.stderr.strip()}")
         unfinished.replace(library)

@@ -97,7 +97,7 @@ def rarely_collected(compile: Callable[..., Any]) -> Callable[..., Any]:
             if before[0]:
                 gc.set_threshold(max(_OBJECTS_BETWEEN_LOOKS, before[0]), *before[1:])
             try:
-                with _widest_vectors():
+                with widest_vectors():
                     return compile(*arguments)
             finally:
                 gc.set_threshold(*before)
@@ -106,7 +106,7 @@ def rarely_collected(compile: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @contextmanager
-def _widest_vectors() -> Iterator[None]:
+def widest_vectors() -> Iterator[None]:
     """Let loops over lanes have vectors of 512 bits: the optimiser asks this machine how wide they should be.
 
     The numbers are the same: each lane has the arithmetic that it would have in a narrower vector.
