@@ -61,7 +61,7 @@ def tell(model):
 @pytest.mark.parametrize(
     ("title", "by_hand", "begins", "has"),
     [
-        ("A good valve", {"backlash": 0.0}, "This loop will not hunt.", "The valve has no gap."),
+        full("A good valve", {"backlash": 0.0}, "This loop will not hunt.", "The valve has no gap."),
         full("7 % gap, plain PI", {}, "This loop will hunt: about 0.9", "Without the gap: no hunting"),
         full("With the inverse", {"backlash_estimate": 0.065}, "This loop will not hunt.",
              "Without the inverse: about 0.9"),
@@ -92,7 +92,7 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
 
 @pytest.mark.kernel
 @pytest.mark.filterwarnings("ignore:action = ")
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 500), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 500), marks=pytest.mark.full)])
 def test_whatever_the_loop_what_is_shown_is_the_explanation_beside_the_simulated_day(seeds):
     for seed in seeds:
         loop, day = any_loop(seed)
