@@ -1,17 +1,8 @@
 """Every block of code on a page is run, or is named here with what is checked instead."""
 
-import re
-import shlex
-import shutil
-import subprocess
-import sys
-
 import click
 import pytest
-from click.testing import CliRunner
 from test_pages import PAGES, blocks, commands, is_named
-
-from fastcoil.cli.main import main
 
 RUN_IN_ORDER = {"python", "toml", "sh", "text"}
 """Kinds of blocks that ``test_pages`` runs, or compares with what is printed, on every page with Python."""
@@ -21,7 +12,7 @@ ELSEWHERE = {
     ("docs/model.md", "math"): "drawn when the site is built",
     ("docs/first-steps.md", "console"): "opens a page and waits: tests/deliver/explore do that",
     ("docs/own-rule.md", "diff"): "applied and tried in test_extending",
-    ("docs/hand-over.md", "console"): "run below, with a compiler",
+    ("docs/hand-over.md", "console"): "run in test_pages, where there is a compiler",
     ("docs/findings/paper.md", "sh"): "minutes of simulation: tests/studies/paper runs it in parts",
     ("docs/clusters.md", "text"): "what `fastcoil plan` says of a study with its own code",
     ("docs/clusters.md", "yaml"): "settings of dask",
@@ -54,17 +45,3 @@ def test_the_options_of_dask_exist():
         assert isinstance(command, click.Command)
         known = {option for p in command.params for option in p.opts}
         assert {word for word in words if word.startswith("--")} <= known
-
-
-@pytest.mark.kernel
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
-def test_exported_code_is_proven_as_the_page_says(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    study = named("hand-over.md", "toml")[0]
-    (tmp_path / re.match(r"# (\S+)", study)[1]).write_text(study)
-    for _, *words in commands(named("hand-over.md", "sh")[0]):
-        assert CliRunner().invoke(main, words).exit_code == 0
-    for block in named("hand-over.md", "console"):
-        for line in block.splitlines():
-            program, *words = shlex.split(line.removeprefix("$ "))
-            subprocess.run([sys.executable if program == "python" else program, *words], check=True, timeout=60)
