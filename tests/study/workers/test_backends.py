@@ -52,9 +52,9 @@ finally:
 @pytest.mark.parametrize(
     ("backend", "env"),
     [
-        pytest.param("threads", {"PYTHONHASHSEED": "1"}, marks=pytest.mark.full),
+        ("threads", {"PYTHONHASHSEED": "1"}),
         pytest.param("threads", {"PYTHONHASHSEED": "2", "NUMBA_NUM_THREADS": "1"}, marks=pytest.mark.full),
-        ("loky", {"PYTHONHASHSEED": "3"}),
+        pytest.param("loky", {"PYTHONHASHSEED": "3"}, marks=pytest.mark.full),
     ],
 )
 def test_the_environment_does_not_show_and_dask_is_not_loaded(small_study, golden, tmp_path, backend, env):
