@@ -34,7 +34,7 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
     config.addinivalue_line("markers", "alone: measures time or signals processes; one such test at a time")
-    config.addinivalue_line("markers", "full: takes minutes; run by `make test-full`")
+    config.addinivalue_line("markers", "full: takes long, or repeats a path; run by `make test-full`")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -33,6 +33,7 @@ def plot(*words):
 @pytest.mark.parametrize(
     ("format", "start"), full_but([("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")], [("pdf", b"%PDF")])
 )
+@pytest.mark.usefixtures("blank_figures")
 def test_the_standard_figures_are_written_in_the_format_asked_for(folder, format, start):
     result = plot(folder, "--format", format)
     assert result.exit_code == 0, result.output

@@ -88,8 +88,10 @@ def test_other_figures_of_these_results_are_named_and_stale_ones_are_not(study):
     assert [p.name for p in stale_figures(out, content(study))] == ["bands.pdf", "iae_backlash.png", "tuning.pdf"]
 
 
-def killed_before_each(study, forked, stride):
-    """Kill an extension before its n-th operation on files, the last ones first: its figures are drawn last."""
+@pytest.mark.full
+@pytest.mark.alone
+def test_a_kill_anywhere_loses_no_figure(study, forked):
+    """Before its n-th operation on files, the last ones first: the figures of an extension are drawn last."""
     out, start = study.with_name("out"), study.with_name("start")
     run(study)
     shutil.copytree(out, start)
@@ -107,15 +109,4 @@ def killed_before_each(study, forked, stride):
         assert run(study) == NAMES
         assert {path.name: path.read_bytes() for path in (out / "figures").glob("[!.]*")} == expected
         assert fastcoil("verify", out).exit_code == 0
-        n -= stride
-
-
-@pytest.mark.alone
-def test_a_kill_between_the_last_shard_and_the_last_figure_loses_no_figure(study, forked):
-    killed_before_each(study, forked, 150)
-
-
-@pytest.mark.full
-@pytest.mark.alone
-def test_nor_does_a_kill_anywhere(study, forked):
-    killed_before_each(study, forked, 1)
+        n -= 1

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.kernel
 DAYS = range(7, 10)
 
 
+@pytest.mark.full
 def test_steps_are_compared_day_by_day_with_the_finest(written, monkeypatch):
     monkeypatch.setattr(numerics, "SUBSTEPS", (1, 8, 32))
     monkeypatch.setattr(numerics, "SHOWN", (("lagged", 1), ("quasistatic", 8)))

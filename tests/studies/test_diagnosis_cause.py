@@ -16,6 +16,8 @@ def test_the_tables_count_the_answers_by_truth_and_by_answer(written, monkeypatc
         Answer("stepped", "none", "none", 0.0, True, 0.01),
     ]
     monkeypatch.setattr(diagnosis_cause, "answers", lambda kind: found if kind == "stepped" else [])
+    monkeypatch.setattr(diagnosis_cause, "delayed", lambda function: function)
+    monkeypatch.setattr(diagnosis_cause, "Parallel", lambda n_jobs: list)
     diagnosis_cause.main()
     _, rows = written("diagnosis_cause")
     assert rows[0] == ["day", "truth", "loops", "none", "backlash", "tuning", "disturbance", "unknown"]

@@ -1,6 +1,7 @@
 """The figures of the learning study: texts that fit, colours of the palette, whatever the numbers."""
 
 import numpy as np
+import pytest
 import xarray as xr
 from helpers.figure_looks import assert_palette, assert_texts_fit
 
@@ -20,6 +21,7 @@ def judged(**dims):
     return xr.Dataset({name: (tuple(dims), value) for name, value in values.items()}, coords=dims)
 
 
+@pytest.mark.full
 def test_the_figures_fit():
     settings = judged(
         rule=list(maps.LINES), tuning=TUNINGS, learning_step=[0.0035, 0.028],

@@ -147,7 +147,7 @@ class AStudyInItsFolder(RuleBasedStateMachine):
 FULL = bool(os.environ.get("FASTCOIL_FULL"))
 TestAStudyInItsFolder = pytest.mark.kernel(AStudyInItsFolder.TestCase)
 TestAStudyInItsFolder.settings = settings(
-    max_examples=100 if FULL else 2,
+    max_examples=100 if FULL else 1,
     stateful_step_count=20 if FULL else 8,
     phases=[Phase.generate],  # to shrink takes minutes, and a failing sequence is short enough to read
 )

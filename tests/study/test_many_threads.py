@@ -3,12 +3,12 @@
 import pytest
 from helpers.processes import ended, started
 
-pytestmark = [pytest.mark.kernel, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.full, pytest.mark.kernel, pytest.mark.timeout(180)]
 
 
 @pytest.mark.parametrize(
     "program",
-    ["run", *(pytest.param(f"{backend} in a loop", marks=pytest.mark.full) for backend in ("threads", "loky"))],
+    ["run", "threads in a loop", "loky in a loop"],
 )
 def test_a_program_with_many_threads_ends_well(tmp_path, program):
     words = ("-X", "faulthandler", "-m", "helpers.many_threads", program, tmp_path)

@@ -84,6 +84,14 @@ def test_a_port_that_is_taken_is_refused_in_a_sentence(program):
     assert f"give another one above 1023, such as --port {port + 1}\n" in found.output
 
 
+@pytest.mark.kernel
+def test_sigterm_ends_it_as_ctrl_c_does(program):
+    process, _ = program
+    process.send_signal(signal.SIGTERM)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (0, "Ended.\n", "")
+
+
 def test_without_the_extra_there_is_the_command_that_installs_it(monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "bokeh" else find(name, *more))
@@ -98,15 +106,13 @@ def test_what_cannot_be_explored_is_refused_before_a_page_is_there(tmp_path):
     assert "no such file, folder or preset" in found.output
 
 
-@pytest.mark.kernel
-@pytest.mark.full
-def test_sigterm_ends_it_as_ctrl_c_does():
-    with exploring("lbnl") as (process, _):
-        process.send_signal(signal.SIGTERM)
-        assert (process.wait(30), process.stdout.read(), process.stderr.read()) == (0, "Ended.\n", "")
-
-
 # In a browser
+
+
+@pytest.fixture(scope="module")
+def shown_program():
+    with exploring() as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -116,12 +122,12 @@ def driver():
 
 
 @pytest.fixture
-def page(program, driver):
+def page(shown_program, driver):
     """The page, shown."""
-    driver.get(f"{program[1]}?loop=paper_like")
+    driver.get(shown_program[1])
     settled(driver)
     yield driver
-    assert program[0].poll() is not None or not mistakes_of(driver)
+    assert shown_program[0].poll() is not None or not mistakes_of(driver)
 
 
 def press(driver, slider, times):
@@ -134,6 +140,7 @@ def press(driver, slider, times):
 
 
 @pytest.mark.kernel
+@pytest.mark.full
 def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     ds = fc.simulate(fc.Loop(), fc.paper_day(), traces=["T_sup", "opening"], trace_interval=5, n_jobs=1)
     assert text_of(page, "headline").startswith("This loop will hunt: about 0.9")
@@ -167,17 +174,17 @@ FOREIGN = """<title>foreign</title>
 
 @pytest.mark.kernel
 @pytest.mark.full
-def test_a_foreign_page_makes_it_compute_nothing(program, page, tmp_path):
-    (tmp_path / "index.html").write_text(FOREIGN.format(page=program[1]))
+def test_a_foreign_page_makes_it_compute_nothing(shown_program, page, tmp_path):
+    (tmp_path / "index.html").write_text(FOREIGN.format(page=shown_program[1]))
     handler = functools.partial(SimpleHTTPRequestHandler, directory=tmp_path)
     handler.log_message = lambda *_: None
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as foreign:
         threading.Thread(target=foreign.serve_forever, daemon=True).start()
-        before = cpu_seconds(program[0].pid)
+        before = cpu_seconds(shown_program[0].pid)
         page.get(f"http://localhost:{foreign.server_address[1]}/")
         time.sleep(1.0)
         assert page.execute_script("return window.said") == ["refused"]
-        assert cpu_seconds(program[0].pid) - before < 0.2  # a page alone takes more
+        assert cpu_seconds(shown_program[0].pid) - before < 0.2  # a page alone takes more
         foreign.shutdown()
     mistakes_of(page)  # those of the foreign page
 
@@ -189,8 +196,9 @@ def cpu_seconds(pid):
 
 
 @pytest.mark.kernel
-def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(program, page):
-    process, _ = program
+@pytest.mark.full
+def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(shown_program, page):
+    process, _ = shown_program
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (0, "Ended.\n", "")

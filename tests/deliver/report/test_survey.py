@@ -167,6 +167,7 @@ def test_several_files_are_days_of_one_valve(building):
 
 
 @pytest.mark.alone
+@pytest.mark.full
 def test_an_interrupt_leaves_nothing_half_written(building, tmp_path):
     for k in range(100):
         os.link(building / "a" / "AHU.csv", tmp_path / f"{k}.csv")

@@ -55,7 +55,7 @@ def assembly_of(name):
 
 @pytest.mark.kernel
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="reads x86-64 assembly")
-@pytest.mark.parametrize("name", full_but(SCALAR_SHARE, ["control, all parts", "deliver", "march_water"]))
+@pytest.mark.parametrize("name", full_but(SCALAR_SHARE, ["march_water"]))
 def test_sections_are_vectorised(name):
     import llvmlite.binding
 

@@ -35,6 +35,7 @@ def test_groups_follow_one_another_and_name_every_row_once():
 
 
 @pytest.mark.kernel
+@pytest.mark.full
 def test_each_group_is_filled_by_its_own_function_alone(block):
     """So that a later day could start with fresh sums from the state of the one before."""
     edges = [0, rows.STATE_AT, rows.SUMS_AT, len(ROWS) * LANES]

@@ -88,6 +88,7 @@ def test_no_estimator_reads_the_true_backlash():
 
 @pytest.mark.kernel
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.full
 def test_one_more_estimator_is_one_file_and_one_word(tmp_path):
     package = tmp_path / "fastcoil"
     shutil.copytree(Path(fc.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))

@@ -74,7 +74,7 @@ def test_the_results_are_those_of_simulate(tmp_path):
         np.testing.assert_array_equal(stored[name].values, ds[name].values, err_msg=name)
 
 
-@pytest.mark.parametrize("n_jobs", [1, 3])
+@pytest.mark.parametrize("n_jobs", [pytest.param(1, marks=pytest.mark.full), 3])
 def test_only_lanes_that_are_missing_are_run_again_whatever_the_number_of_workers(tmp_path, n_jobs):
     study = write_study(GROUPS, tmp_path / "out")
     run_until_interrupted(GROUPS, tmp_path / "out", 1)

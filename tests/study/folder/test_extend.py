@@ -5,6 +5,7 @@ import copy
 import pytest
 from click.testing import CliRunner
 from helpers import failing_shards
+from helpers.full import full_but
 from helpers.processes import cut
 from helpers.studies import copied, run_until_stopped
 from helpers.study_tables import fresh, run_shards, toml
@@ -79,7 +80,7 @@ EXTENSIONS = {
 }
 
 
-@pytest.mark.parametrize("name", ["another order", "a default that is swept", "all at once"])
+@pytest.mark.parametrize("name", full_but(EXTENSIONS, ["a default that is swept", "all at once"]))
 def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, base, tmp_path, name):
     log = tmp_path / "log"
     asked = study(EXTENSIONS[name])

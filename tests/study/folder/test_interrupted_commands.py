@@ -67,6 +67,7 @@ def test_a_run_that_is_asked_to_end_does_so_at_once_and_says_how_to_go_on(comman
 
 
 @pytest.mark.alone
+@pytest.mark.full
 def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(command, tmp_path, monkeypatch):
     first = command()
     wait_for_shards(first, tmp_path / "out")
@@ -91,6 +92,7 @@ def test_a_second_run_exits_with_5_and_names_the_first_until_that_is_killed(comm
 
 
 @pytest.mark.alone
+@pytest.mark.full
 def test_ctrl_c_before_the_first_shard_leaves_no_folder(command, tmp_path):
     process = command("run", "my study.toml", "-o", "deep/out", "-j", "1", "--no-figures")
     end = time.monotonic() + 60

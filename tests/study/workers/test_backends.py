@@ -2,6 +2,7 @@
 
 import pytest
 import xarray as xr
+from helpers.full import full_but
 from helpers.processes import cut, ended, started
 
 import fastcoil as fc
@@ -16,13 +17,7 @@ def hash_of(results):
 
 @pytest.mark.parametrize(
     ("backend", "n_jobs"),
-    [
-        ("threads", 2),
-        pytest.param("threads", 3, marks=pytest.mark.full),
-        pytest.param("loky", 1, marks=pytest.mark.full),
-        ("loky", 2),
-        pytest.param("loky", 3, marks=pytest.mark.full),
-    ],
+    full_but([("threads", 2), ("threads", 3), ("loky", 1), ("loky", 2), ("loky", 3)], [("threads", 2)]),
 )
 def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, backend, n_jobs):
     assert hash_of(fc.run_study(small_study, tmp_path / "out", backend=backend, n_jobs=n_jobs)) == golden
@@ -37,14 +32,7 @@ def test_the_size_of_shards_does_not_show(small_study, golden, tmp_path, monkeyp
 
 @pytest.mark.parametrize(
     ("largest", "seed"),
-    [
-        pytest.param(1, 1, marks=pytest.mark.full),
-        pytest.param(9, 2, marks=pytest.mark.full),
-        pytest.param(20, 6, marks=pytest.mark.full),
-        pytest.param(40, 3, marks=pytest.mark.full),
-        (64, 4),
-        pytest.param(80, 5, marks=pytest.mark.full),
-    ],
+    full_but([(1, 1), (9, 2), (20, 6), (40, 3), (64, 4), (80, 5)], [(64, 4)]),
 )
 def test_the_order_and_cut_of_shards_does_not_show(small_study, golden, tmp_path, monkeypatch, largest, seed):
     cut(monkeypatch, largest, seed)

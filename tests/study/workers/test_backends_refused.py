@@ -156,6 +156,7 @@ def test_a_cluster_with_certificates_gives_the_same_bits_and_refuses_all_others(
     assert fc.open_study(tmp_path / "out").attrs["content_sha256"] == golden
 
 
+@pytest.mark.full
 def test_too_few_open_files_for_processes_end_a_run_with_4(here):
     limited = "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (12, 12))"
     script = f"{limited}; from fastcoil.__main__ import run; run()"

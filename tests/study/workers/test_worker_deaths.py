@@ -82,6 +82,7 @@ def test_a_process_that_someone_kills_costs_nothing_but_time(study, golden, tmp_
     assert finished.results.attrs["content_sha256"] == golden
 
 
+@pytest.mark.full
 def test_workers_that_always_die_end_in_a_sentence_and_leave_nothing(study, tmp_path, monkeypatch):
     monkeypatch.setattr(pools, "_MOST_DEATHS", 1)
     cut(monkeypatch, 10)
