@@ -90,7 +90,7 @@ def test_what_is_read_or_written_is_closed_by_whoever_did_it(swept, monkeypatch)
         files.append(netCDF4.Dataset(*words, **options))
         return files[-1]
 
-    monkeypatch.setattr(netcdf, "netCDF4", SimpleNamespace(Dataset=opened))
+    monkeypatch.setattr(netcdf, "netCDF4", SimpleNamespace(**{**vars(netCDF4), "Dataset": opened}))
     data = netcdf.netcdf_bytes(swept)
     ds = netcdf.load(data)
     with pytest.raises((OSError, RuntimeError)):

@@ -40,7 +40,7 @@ def test_an_interrupt_before_the_first_shard_promises_nothing_and_status_agrees(
 def test_a_rerun_that_cannot_be_written_is_refused_before_it_computes(tmp_path, monkeypatch):
     copied(PLAIN, tmp_path, 1)
 
-    def refuse(*_):
+    def refuse(*_, **__):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     monkeypatch.setattr("fastcoil.study.folder.folder._acquire", refuse)
