@@ -217,8 +217,8 @@ def hold(folder: Path, share: str = "") -> Iterator[None]:
                 seen.release()
         now = datetime.now(UTC).isoformat(timespec="seconds")
         text = f"process {os.getpid()} on {platform.node()} since {now}"
+        noted = True  # before it is: an interruption may come in between
         commit(holder, text.encode(errors="replace"))
-        noted = True
         for place in () if share else filter(is_folder, (folder, folder / FIGURES)):
             remove_unfinished(place)
         yield
