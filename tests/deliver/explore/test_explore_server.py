@@ -1,16 +1,11 @@
 """``fastcoil explore``: its server is for this machine alone; its page, in a real browser, follows what is moved."""
 
-import functools
 import http.client
 import importlib.util
-import os
 import re
 import signal
 import socket
-import threading
 import time
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -158,41 +153,6 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     assert data_of(page, "cells", "value") == cells
     press(page, ESTIMATE, 1)
     assert data_of(page, "cells", "value") != cells
-
-
-FOREIGN = """<title>foreign</title>
-<img src="{page}?kp=0.061"><script src="{page}autoload.js?bokeh-autoload-element=x"></script>
-<iframe src="{page}?kp=0.062"></iframe>
-<script>
-  window.said = []
-  fetch("{page}?kp=0.063", {{mode: "no-cors"}})
-  const socket = new WebSocket("{page}ws".replace("http", "ws"), ["bokeh", "x"])
-  socket.onopen = () => window.said.push("open")
-  socket.onerror = () => window.said.push("refused")
-</script>"""
-
-
-@pytest.mark.kernel
-@pytest.mark.full
-def test_a_foreign_page_makes_it_compute_nothing(shown_program, page, tmp_path):
-    (tmp_path / "index.html").write_text(FOREIGN.format(page=shown_program[1]))
-    handler = functools.partial(SimpleHTTPRequestHandler, directory=tmp_path)
-    handler.log_message = lambda *_: None
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as foreign:
-        threading.Thread(target=foreign.serve_forever, daemon=True).start()
-        before = cpu_seconds(shown_program[0].pid)
-        page.get(f"http://localhost:{foreign.server_address[1]}/")
-        time.sleep(1.0)
-        assert page.execute_script("return window.said") == ["refused"]
-        assert cpu_seconds(shown_program[0].pid) - before < 0.2  # a page alone takes more
-        foreign.shutdown()
-    mistakes_of(page)  # those of the foreign page
-
-
-def cpu_seconds(pid):
-    """Time of the processor that a process has taken."""
-    times = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @pytest.mark.kernel

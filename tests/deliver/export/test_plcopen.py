@@ -16,7 +16,6 @@ pytestmark = pytest.mark.kernel
 
 TC6 = "{http://www.plcopen.org/xml/tc6_0201}"
 XHTML = "{http://www.w3.org/1999/xhtml}xhtml"
-TYPES = {"LREAL", "BOOL", "INT"}
 CHILDREN = {
     "project": "fileHeader contentHeader types instances",
     "contentHeader": "coordinateInfo", "coordinateInfo": "fbd ld sfc", "fbd": "scaling", "ld": "scaling",
