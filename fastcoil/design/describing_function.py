@@ -262,7 +262,9 @@ class Elements(NamedTuple):
         late = np.where(x_hat > 0.0, 0.5 * period + np.minimum(x_hat, x_bl) * stroke, 0.0)
         offset = 0.5 * np.where(is_additive, x_bl, width)
         parts = (*given, sign, width, np.maximum(width, buffer), slope, offset, late)
-        return cls._make([*(np.asarray(part, float)[:, None] for part in parts), *swings_of(plants)])
+        first, which = distinct(plants.same)
+        swings = (swing[which] for swing in swings_of(plants.some(first)))
+        return cls._make([*(np.asarray(part, float)[:, None] for part in parts), *swings])
 
     def some(self, members: Index) -> Elements:
         """Those of the loops ``members``."""
