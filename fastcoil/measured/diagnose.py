@@ -13,14 +13,13 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import Known, after_hold, cause_of, dies, predictions_of
-from fastcoil.measured.diagnosis import INDICES, Diagnosis, profile_of
+from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backlash_of, shown_by
 from fastcoil.measured.measures import Measures, measures_of
 from fastcoil.measured.part import runs
 from fastcoil.measured.triage import triage_of, warnings_of
-from fastcoil.measured.valve_reading import ValveReading
 
 WANTED = Wanted(
     needed=("command", "T_sup"),

@@ -20,9 +20,8 @@ from matplotlib.figure import Figure
 
 import fastcoil as fc
 from fastcoil.design.tuning_result import Tuning
-from fastcoil.measured.diagnosis import Diagnosis
+from fastcoil.measured.diagnosis import Diagnosis, ValveReading
 from fastcoil.measured.fit import Fit
-from fastcoil.measured.valve_reading import ValveReading
 
 pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
