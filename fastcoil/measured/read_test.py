@@ -27,12 +27,10 @@ from fastcoil.measured.identify import CANDIDATES, USUAL_STROKE_TIME, Identifica
 from fastcoil.measured.measures import running_mean
 from fastcoil.measured.part import runs, turns
 
-WANTED = Wanted(
-    needed=("command", "T_sup"),
-    optional=("test", "T_set", "m_a", "T_a_in", "T_w_in", "enabled"),
-    measured=("T_sup", "T_set", "m_a", "T_a_in", "T_w_in"),
-)
 INPUTS = ("m_a", "T_a_in", "T_w_in")
+WANTED = Wanted(
+    needed=("command", "T_sup"), optional=("test", "T_set", *INPUTS, "enabled"), measured=("T_sup", "T_set", *INPUTS)
+)
 LONGEST_INTERVAL, ENOUGH = 15.0, 10.0  # s between samples, in a log and in what is compared
 BEFORE, AFTER = 600.0, 600.0
 """Seconds before the test that the lags of the coil reach back, and after it that tell of the gap as well."""
