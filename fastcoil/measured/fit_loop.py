@@ -21,8 +21,8 @@ from fastcoil.logs.series import HUMIDITIES, counted
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.coil_problem import in_operation, number_in, of_pieces, on_seconds, require_temperatures
 from fastcoil.measured.fit import Fit, finished, profile_of
+from fastcoil.measured.fit_coil import in_operation, number_in, of_pieces, on_seconds, require_temperatures
 from fastcoil.measured.identify import GOOD, TOLERANCE
 from fastcoil.measured.part import Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals, why_unidentified
