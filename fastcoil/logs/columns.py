@@ -16,14 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, path_of, plain
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, number_of, path_of
+from fastcoil.base.errors import nearest, shown
 from fastcoil.logs.series import COLUMNS, TIMES
 from fastcoil.logs.table import TIME_HEADERS, Table, label_and_unit, letters_of
 from fastcoil.logs.timestamps import is_time, time_format_of
-from fastcoil.model.parameter_table import Parameter
 
-MAX_GAP = Parameter("max_gap", "boundary", "s", None, "longest step of a log that is bridged", 1.0)
 _EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "constants": "{'m_a': 1.2}"}
 
 
@@ -119,10 +117,7 @@ def require_mappings(**given: Any) -> None:
 
 def max_gap_of(max_gap: Any) -> float | None:
     """The longest step to be bridged; None passes."""
-    value: float | None = plain(max_gap)
-    if value is not None and (problem := MAX_GAP.problem(value)):
-        raise InputError(problem)
-    return value
+    return None if max_gap is None else number_of("max_gap", max_gap, "give seconds, at least 1", least=1.0)
 
 
 def log_of(name: str, source: Any) -> Any:
@@ -162,18 +157,13 @@ def meaning_of(header: str) -> Meaning | None:
         elif known[k] in (None, ["place"]):
             place.append(word)
     first = next((k for k, meant in enumerate(known) if meant not in (None, ["place"])), 0)
-    is_clear = all(
-        word.isdigit() or meant is not None for word, meant in zip(written[first:], known[first:], strict=True)
-    )
+    is_clear = all(written[k].isdigit() or known[k] is not None for k in range(first, len(written)))
     for name, needed, allowed in _TABLE["rules"]:
         rest = words - {*needed.split()}
         if len(words) - len(rest) == len(needed.split()) and rest <= {*allowed.split(), "position"}:
             is_clear &= rest <= {*allowed.split()}  # a position that is fed back is no command
-            return (
-                Meaning(name, frozenset(place), is_clear)
-                if unit is None or COLUMNS[name].is_same_unit(unit, unit)
-                else None
-            )
+            is_its_unit = unit is None or COLUMNS[name].is_same_unit(unit, unit)
+            return Meaning(name, frozenset(place), is_clear) if is_its_unit else None
     return None
 
 

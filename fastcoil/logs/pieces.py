@@ -67,15 +67,12 @@ def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> floa
     time, values: of the rows [s], and the series by name, each (n,).  within: where a row follows another, (n - 1,).
     """
     steps = np.diff(time)[within]
-    if steps.size < _FEWEST:
-        return None
-    if not may_be_of_changes(steps) or np.mean(steps > LONG_STEP * np.median(steps)) < _LONG:
+    if steps.size < _FEWEST or not may_be_of_changes(steps) or np.mean(steps > LONG_STEP * np.median(steps)) < _LONG:
         return None
     pairs = [(series[1:], series[:-1]) for name, series in values.items() if name != "batch"]
     changed = [~((now == before) | (np.isnan(now) & np.isnan(before)))[within] for now, before in pairs]
-    if not changed or np.mean(np.any(changed, axis=0)) < _CHANGES:
-        return None
-    if not any(change.sum() > 2 and np.mean(~change) >= _REPEATS for change in changed):
+    repeats = any(change.sum() > 2 and np.mean(~change) >= _REPEATS for change in changed)
+    if not repeats or np.mean(np.any(changed, axis=0)) < _CHANGES:
         return None
     return float(_LONGER * np.quantile(steps, _USUAL))
 

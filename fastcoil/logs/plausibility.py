@@ -33,7 +33,6 @@ _NEAR_END, _BEYOND, _AT_END, _BETWEEN = 0.12, 0.05, 3, 20
 """Shares of a signal's span; readings at each end, and different numbers in all, of what is certainly a signal."""
 _SCALE_ROWS, _LEAST_SPAN, _NO_LEAP, _RARELY = 30, 0.5, 0.2, 0.3
 """Rows in another unit; shares of its full travel: what they span, the leap into it; share of other rows within it."""
-_LEAP, _CROSSED = 8.0, 0.25  # by which both columns leap; share of it to which they go on with each other's numbers
 _FAULT_LEAP, _FAULT_MATCH = 20.0, 5.0  # K by which readings are off those on both sides; by which these differ at most
 _DRIEST = 0.12  # relative humidity of air at a coil
 _FEWEST_ROWS, _MOVES, _STANDS = 50, 0.5, 0.05
@@ -103,12 +102,8 @@ def _misread_temperatures(
             others[name] = "degC"
 
     def contradicts(changed: Mapping[str, str]) -> bool:
-        family = COLUMNS["T_sup"].units
-        T = {}
-        for name, number in medians.items():
-            scale, offset = family[changed.get(name, units[name])]
-            T[name] = scale * number + offset
-        return _is_contradictory(T)
+        scales = {name: COLUMNS[name].units[changed.get(name, units[name])] for name in medians}
+        return _is_contradictory({name: scale * medians[name] + offset for name, (scale, offset) in scales.items()})
 
     if not others or not contradicts({}):
         return {}
@@ -180,14 +175,6 @@ def row_of_new_scale(percent: Array) -> int:
     return 0
 
 
-def row_of_exchange(T: Array, command: Array) -> int:
-    """Index from which a temperature goes on with the numbers of the command, and the reverse; 0 if nowhere."""
-    (old, new), (old_command, new_command) = ((one[:-1], one[1:]) for one in (T, command))
-    leap = np.minimum(np.abs(new - old), np.abs(new_command - old_command))
-    off = np.maximum(np.abs(new - old_command), np.abs(new_command - old))
-    return int(np.argmax(np.append(False, (leap > _LEAP) & (off < _CROSSED * leap))))
-
-
 def sensor_faults(T: Array) -> Mask:
     """Where a temperature [degC] leaps away and back, in one reading or in several of one number."""
     known = np.isfinite(T)
@@ -210,8 +197,8 @@ def above_saturation(values: Mapping[str, Array | float]) -> tuple[str, Mask]:
 
     values: readings in our units by name.  Sensors that read a little too much are not meant.
     """
-    name = next((one for one in HUMIDITIES if one in values), "")
-    if name in ("", "RH_a_in") or "T_a_in" not in values:
+    name = next((one for one in HUMIDITIES if one in values), "RH_a_in")
+    if name == "RH_a_in" or "T_a_in" not in values:
         return "", np.zeros(0, dtype=bool)
     T, humidity = np.asarray(values["T_a_in"]), np.asarray(values[name])
     with np.errstate(all="ignore"):

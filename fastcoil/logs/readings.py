@@ -15,19 +15,10 @@ from fastcoil.base.errors import InputError, shown
 from fastcoil.logs import plausibility
 from fastcoil.logs.cells import Cells, Writing, cells_of, writing_of
 from fastcoil.logs.columns import Reading, Wanted
-from fastcoil.logs.series import (
-    COLUMNS,
-    MISSING_MARKS,
-    NUMBER,
-    TEMPERATURE,
-    TRAVEL,
-    Series,
-    counted,
-    first_row,
-    in_total,
-)
+from fastcoil.logs.series import COLUMNS, NUMBER, TEMPERATURE, TRAVEL, Series, counted, first_row, in_total
 from fastcoil.logs.table import Table
 
+_MISSING_MARKS = (-99.0, -999.0, -9999.0)
 _SCATTER = 0.02  # readings up to this share of the column's span outside a bound are taken as the bound
 _WARM = 5.0  # A temperature of exactly 0 among others above this, °C, is a sensor that is off
 
@@ -76,7 +67,7 @@ def read_columns(
             values = _at_bounds(table, series, values, readings.notes)
         values[cells.marked] = np.nan
         bad = series.is_bad(values)
-        missing = cells.missing | cells.marked | np.isin(cells.values, MISSING_MARKS)
+        missing = cells.missing | cells.marked | np.isin(cells.values, _MISSING_MARKS)
         readings.units[name] = unit
         off = _sensor_off(series, cells.values, values)
         wrong = bad & ~missing if sparse else bad
@@ -123,15 +114,10 @@ def question_units(table: Table, readings: Readings, found: Mapping[str, int], h
         if k := plausibility.row_of_new_unit(values[name]):
             row = table.row_numbers[k]
             table.problems.append(f"{name} jumps in row {row} as if °C and °F were in one column: write one unit")
-    if "command" in values.keys() - trusted:
-        scale, offset = TRAVEL[readings.units["command"]]
-        command = (values["command"] - offset) / scale
-        if k := plausibility.row_of_new_scale(command) if scale == TRAVEL["%"][0] else 0:
-            row = table.row_numbers[k]
-            table.problems.append(f"command goes on in row {row} as if in another unit than before: write one unit")
-        if k := plausibility.row_of_exchange(values["T_sup"], command) if "T_sup" in values else 0:
-            row = table.row_numbers[k]
-            table.problems.append(f"T_sup and command go on exchanged in row {row}: write one order of columns")
+    in_percent = "command" in values.keys() - trusted and readings.units["command"] in ("%", "percent")
+    if in_percent and (k := plausibility.row_of_new_scale(100.0 * values["command"])):
+        row = table.row_numbers[k]
+        table.problems.append(f"command goes on in row {row} as if in another unit than before: write one unit")
     other = plausibility.exchanged_with_supply(values) if not table.problems else ""
     if other and not {"T_sup", other} <= trusted:
         table.problems.append(
@@ -175,17 +161,15 @@ def read_numbers(table: Table, series: Series, column: int, unit: str | None = N
 
     Anything wrong is added to the problems; the numbers then mean nothing.
     """
-    nothing = np.arange(len(table.rows), dtype=np.float64)
     cells = cells_of([row[column] for row in table.rows], _writing(table, {series.name: column}), switch=False)
     known = _unit_of(table, series, column, unit, cells, False)
-    if known is None:
-        return nothing
-    values = series.convert(cells.values, known)
-    bad = series.is_bad(values)
-    if bad.any():
+    if known is not None:
+        values = series.convert(cells.values, known)
+        bad = series.is_bad(values)
+        if not bad.any():
+            return values
         table.problems.append(_complaint(table, series, column, known, bad, cells.marked, cells.values))
-        return nothing
-    return values
+    return np.arange(len(table.rows), dtype=np.float64)
 
 
 def _writing(table: Table, columns: Mapping[str, int]) -> Writing:

@@ -25,45 +25,35 @@ WATER = 1000.0
 
 _POUND, _FOOT, _GALLON = 0.45359237, 0.3048, 3.785411784e-3
 
+
+def _of_one_zero(scales: Mapping[str, float]) -> Units:
+    return {unit: (scale, 0.0) for unit, scale in scales.items()}
+
+
 TEMPERATURE: Units = {"degC": (1.0, 0.0), "degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
-DIFFERENCE: Units = {"K": (1.0, 0.0), "degC": (1.0, 0.0), "degF": (5 / 9, 0.0)}
-_MASS_FLOW: Units = {
-    "kg s-1": (1.0, 0.0),
-    "kg/s": (1.0, 0.0),
-    "kg/h": (1 / 3600, 0.0),
-    "lb/h": (_POUND / 3600, 0.0),
-}
-AIR_FLOW: Units = {
-    **_MASS_FLOW,
-    "m3/s": (STANDARD_AIR, 0.0),
-    "m3/h": (STANDARD_AIR / 3600, 0.0),
-    "L/s": (STANDARD_AIR / 1000, 0.0),
-    "cfm": (STANDARD_AIR * _FOOT**3 / 60, 0.0),
-}
-WATER_FLOW: Units = {
-    **_MASS_FLOW,
-    "m3/s": (WATER, 0.0),
-    "m3/h": (WATER / 3600, 0.0),
-    "L/s": (WATER / 1000, 0.0),
-    "L/min": (WATER / 60e3, 0.0),
-    "L/h": (WATER / 3600e3, 0.0),
-    "gpm": (WATER * _GALLON / 60, 0.0),
-}
-HUMIDITY_RATIO: Units = {"1": (1.0, 0.0), "kg/kg": (1.0, 0.0), "g/kg": (1e-3, 0.0)}
-FRACTION: Units = {"1": (1.0, 0.0), "percent": (0.01, 0.0), "%": (0.01, 0.0)}
+DIFFERENCE = _of_one_zero({"K": 1.0, "degC": 1.0, "degF": 5 / 9})
+_MASS_FLOW = {"kg s-1": 1.0, "kg/s": 1.0, "kg/h": 1 / 3600, "lb/h": _POUND / 3600}
+AIR_FLOW = _of_one_zero(
+    {**_MASS_FLOW, "m3/s": STANDARD_AIR, "m3/h": STANDARD_AIR / 3600, "L/s": STANDARD_AIR / 1000,
+     "cfm": STANDARD_AIR * _FOOT**3 / 60}
+)  # fmt: skip
+WATER_FLOW = _of_one_zero(
+    {**_MASS_FLOW, "m3/s": WATER, "m3/h": WATER / 3600, "L/s": WATER / 1000, "L/min": WATER / 60e3,
+     "L/h": WATER / 3600e3, "gpm": WATER * _GALLON / 60}
+)  # fmt: skip
+HUMIDITY_RATIO = _of_one_zero({"1": 1.0, "kg/kg": 1.0, "g/kg": 1e-3})
+FRACTION = _of_one_zero({"1": 1.0, "percent": 0.01, "%": 0.01})
 TRAVEL: Units = {
     **FRACTION,
-    "deg": (1 / 90, 0.0),
-    "V": (0.1, 0.0),
-    "V 0-10": (0.1, 0.0),
+    **_of_one_zero({"deg": 1 / 90, "V": 0.1, "V 0-10": 0.1}),
     "V 2-10": (1 / 8, -2 / 8),
     "mA 4-20": (1 / 16, -4 / 16),
     "mA 0-20": (1 / 20, 0.0),
 }
 """Travel of a valve; degrees of a quarter turn, volts of 0–10, signals whose lowest value is the closed valve."""
-PRESSURE: Units = {"Pa": (1.0, 0.0), "hPa": (100.0, 0.0), "kPa": (1000.0, 0.0)}
-TIME: Units = {"s": (1.0, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0)}
-NUMBER: Units = {"1": (1.0, 0.0)}
+PRESSURE = _of_one_zero({"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0})
+TIME = _of_one_zero({"s": 1.0, "min": 60.0, "h": 3600.0})
+NUMBER = _of_one_zero({"1": 1.0})
 
 _ABBREVIATIONS = {"lpm": "L/min", "lps": "L/s", "lph": "L/h", "cms": "m3/s", "cmh": "m3/h", "ma": "mA 4-20"}
 """Abbreviations that look more like another unit than like the one they mean."""
@@ -82,8 +72,7 @@ def spelled(name: str, unit: str, units: Units) -> str:
     by_folded = {_folded(known): known for known in units}
     if _folded(unit) in by_folded:
         return by_folded[_folded(unit)]
-    other = _SPELLINGS.get(_folded(unit))
-    if other is not None and other in units:
+    if (other := _SPELLINGS.get(_folded(unit), "")) in units:
         return other
     meant = _ABBREVIATIONS.get(_folded(unit))
     hint = f", did you mean {meant!r}?" if meant in units else nearest(unit, units)
@@ -102,9 +91,6 @@ def _folded(unit: str) -> str:
 
 
 _ALL = frozenset(_folded(unit) for units in _FAMILIES for unit in units) | _ABBREVIATIONS.keys() | _SPELLINGS.keys()
-
-
-MISSING_MARKS = (-99.0, -999.0, -9999.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,11 +154,11 @@ class Series:
         unit = unit or self.unit
         if not math.isfinite(value):
             return f"{self.name} is {value:g}{where}: fill or cut the gap{in_total(n_bad)}"
-        shown = "" if unit == "1" else f" {unit}"
+        beside = "" if unit == "1" else f" {unit}"
         scale, offset = self.units[unit]
         low, high = (round((bound - offset) / scale, 6) for bound in (self.lower, self.upper))
-        text = f"{self.name} = {value:g}{shown}{where}: must be {'whole, ' if self.whole else ''}"
-        text += f"from {low:g} to {high:g}{shown}"
+        bounds = f"{'whole, ' if self.whole else ''}from {low:g} to {high:g}{beside}"
+        text = f"{self.name} = {value:g}{beside}{where}: must be {bounds}"
         return f"{text}; check its unit, or fill or cut the gap{in_total(n_bad)}"
 
 

@@ -24,7 +24,6 @@ _SECOND, _MINUTE = 1_000_000, 60_000_000  # µs
 SERIAL, EPOCH = "excel", "epoch"
 """Formats that are numbers."""
 _EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
-_LONGEST_FORMAT = 100
 
 
 class Stamps(NamedTuple):
@@ -72,8 +71,7 @@ def time_format_of(name: str, value: Any) -> str:
     if text.strip().lower() in (SERIAL, EPOCH):
         return text.strip().lower()
     try:
-        usable = "%" in text and len(text) <= _LONGEST_FORMAT
-        usable = usable and datetime.strptime(_EXAMPLE.strftime(text), text).year > 0
+        usable = "%" in text and datetime.strptime(_EXAMPLE.strftime(text), text).year > 0
     except Exception:  # patterns fail in many ways, not all of them documented
         usable = False
     if not usable:
@@ -121,9 +119,8 @@ def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: s
         return max((_of_numbers(numbers, kind) for kind in _NUMBERS[time_format]), key=lambda found: found.good.sum())
     no_zones = [""] * len(cells)
     if time_format is not None:
-        times = [_by_pattern(cell, time_format) for cell in cells]
-        wrong = f"is not as {time_format!r} says: mend it or time_format"
-        return _on_clock(times, no_zones, row_numbers, wrong, [])
+        times, wrong = [_by_pattern(cell, time_format) for cell in cells], f"is not as {time_format!r} says"
+        return _on_clock(times, no_zones, row_numbers, f"{wrong}: mend it or time_format", [])
     times = [timestamp_of(cell) for cell in cells]
     n_iso = sum(time is not None for time in times)
     say_how = f"say how to read it: {cure.format(format='%d/%m/%Y %H:%M')}"
@@ -138,9 +135,8 @@ def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: s
         n_parts = sum(one is not None for one in parts)
         if 2 * n_parts >= len(parts) and n_parts >= n_iso:
             return _of_parts(parts, row_numbers, f"is not as the others: mend it, or {say_how}", cure)
-    return _on_clock(
-        times, no_zones, row_numbers, f"is not ISO 8601: write it as 2024-07-01T08:00:00, or {say_how}", []
-    )
+    wrong = f"is not ISO 8601: write it as 2024-07-01T08:00:00, or {say_how}"
+    return _on_clock(times, no_zones, row_numbers, wrong, [])
 
 
 _DIGITS_OF_TIME = re.compile(r"(?:19|20)[0-9]{2}(?:0[1-9]|1[0-2])[0-3][0-9][0-2][0-9](?:[0-5][0-9]){0,2}")
@@ -204,10 +200,9 @@ def in_zone(stamps: Stamps, time_zone: str) -> Stamps:
     zone = zone_named(time_zone)
     there = [time.replace(tzinfo=zone) for time in stamps.microseconds.astype(MICROSECONDS).tolist()]
     offsets = np.array([(time.utcoffset() or timedelta()) // timedelta(microseconds=1) for time in there])
-    offset = int(offsets[np.argmax(stamps.good)])
-    return stamps._replace(
-        microseconds=stamps.microseconds - offsets, absolute=True, time_zone=time_zone, offset=offset
-    )
+    of_first = int(offsets[np.argmax(stamps.good)])
+    absolute = stamps.microseconds - offsets
+    return stamps._replace(microseconds=absolute, absolute=True, time_zone=time_zone, offset=of_first)
 
 
 def _on_clock(
@@ -351,16 +346,16 @@ def _order_of(parts: Mapping[int, Parts], cure: str, notes: list[str]) -> tuple[
     shorter, longer = sorted(steps, key=np.sum)
     dotted = all(one.mark == "." for one in parts.values())
     order = _DAY_FIRST
-    if day_first is not None or month_first is not None:
-        order = _MONTH_FIRST if day_first is None else _DAY_FIRST
-        why = f"a number exceeds 12 in row {month_first if day_first is None else day_first}"
+    if day_first is not None:
+        why = f"a number exceeds 12 in row {day_first}"
+    elif month_first is not None:
+        order, why = _MONTH_FIRST, f"a number exceeds 12 in row {month_first}"
     elif dotted:
         why = "the order that goes with points"
     elif np.array_equal(ways[0], ways[1]):
         why = "the order cannot be told, and makes no difference within this log"
     elif longer.sum() > _UNEVEN * shorter.sum() and longer.max() > _UNEVEN * np.median(longer[longer > 0.0]):
-        order = _DAY_FIRST if shorter is steps[0] else _MONTH_FIRST
-        why = "in the other order time would jump"
+        order, why = _DAY_FIRST if shorter is steps[0] else _MONTH_FIRST, "in the other order time would jump"
     else:
         raise InputError(
             "timestamp: no number shows whether the day or the month comes first: say it with "

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arrays import Array
 from fastcoil.measured.fitted_loop import FittedLoop, Outcome, too_little, what_if
 from fastcoil.measured.measures import SMOOTH, Measures, Swing, running_mean
 
@@ -126,12 +127,15 @@ def _of_model(fitted: FittedLoop, measures: Measures, known: Known) -> Cause:
 def by_itself(fitted: FittedLoop, swing: Swing, *, noise: bool = False) -> FittedLoop:
     """The loop on its day without any disturbance as fast as the swing, and without noise unless it is asked for."""
     day, step = fitted.day, fitted.plant.step
-    everywhere = np.ones(day.disturbance.size, dtype=bool)
-    slow = running_mean(day.disturbance, everywhere, max(3, round(2.0 * swing.period / step)))
+    slow = _smooth(day.disturbance, max(3, round(2.0 * swing.period / step)))
     started = np.arange(day.T_set.size) * step >= _KICKED
     kick = np.where(started, 0.0, max(swing.peak_to_peak, _LEAST_KICK))
     seen = day.noise if noise else np.zeros_like(day.noise)
     return fitted._replace(day=day._replace(disturbance=slow, noise=seen, T_set=day.T_set + kick))
+
+
+def _smooth(series: Array, width: int) -> Array:
+    return running_mean(series, np.ones(series.size, dtype=bool), width)
 
 
 def _of_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures, known: Known) -> Cause:
@@ -155,10 +159,7 @@ def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures
         return ""
     if plant.explained < _WELL_EXPLAINED and 2.0 * quiet.played(quiet.backlash).amplitude < swing.peak_to_peak:
         return "by less than the log: something outside seems to add to the swing"
-    smooth = running_mean(
-        fitted.day.disturbance, np.ones(fitted.day.disturbance.size, dtype=bool),
-        max(1, round(swing.period / SMOOTH / plant.step)),
-    )  # fmt: skip
+    smooth = _smooth(fitted.day.disturbance, max(1, round(swing.period / SMOOTH / plant.step)))
     outside = float(np.std(smooth - quiet.day.disturbance)) * 2.0 * math.sqrt(2.0)  # peak to peak of a sine
     if outside > _TIMES_SWING * swing.peak_to_peak:
         return f"disturbances of {outside:.2g} K hide its swing of {swing.peak_to_peak:.2g} K"

@@ -13,20 +13,16 @@ from fastcoil.logs.columns import Wanted, checked_reading, log_of
 from fastcoil.logs.series import COLUMNS, counted
 from fastcoil.measured.agreement import require_agreement
 from fastcoil.measured.cause import Known, after_hold, cause_of, dies, predictions_of
-from fastcoil.measured.diagnosis import INDICES, Diagnosis, profile_of
+from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backlash_of, shown_by
 from fastcoil.measured.measures import Measures, measures_of
 from fastcoil.measured.part import runs
 from fastcoil.measured.triage import triage_of, warnings_of
-from fastcoil.measured.valve_reading import ValveReading
 
-WANTED = Wanted(
-    needed=("command", "T_sup"),
-    optional=("T_set", "m_a", "T_a_in", "enabled"),
-    measured=("T_sup", "T_set", "m_a", "T_a_in"),
-)
+_MEASURED = ("T_sup", "T_set", "m_a", "T_a_in")
+WANTED = Wanted(needed=("command", "T_sup"), optional=(*_MEASURED[1:], "enabled"), measured=_MEASURED)
 _LONGEST, _SHORTEST_SAMPLE = 3600.0, 0.1  # of a stroke or of the time between two samples of a controller, s
 _LEAST_KP, _MOST_KP = 1e-5, 10.0  # 1/K
 _WITHOUT_SET_POINT = 600.0  # s; values that are missing for less are held

@@ -21,15 +21,14 @@ from fastcoil.logs.series import HUMIDITIES, counted
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
-from fastcoil.measured.coil_problem import in_operation, number_in, of_pieces, on_seconds, require_temperatures
 from fastcoil.measured.fit import Fit, finished, profile_of
+from fastcoil.measured.fit_coil import in_operation, number_in, of_pieces, on_seconds, require_temperatures
+from fastcoil.measured.identify import GOOD, TOLERANCE
 from fastcoil.measured.part import Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals, why_unidentified
 from fastcoil.model.metric_table import WARM_UP
 
 FEWEST_BLOCKS = 6
-TOLERANCE, GOOD = 0.2, 0.01
-"""A size is identified if its interval reaches no further than this share of it, or this share of the stroke."""
 LEAST_EXPLAINED = 0.8  # share of the changes of T_sup below which the model is one of another coil
 _WANTED = Wanted(
     needed=("command", "m_a", "T_w_in", "T_a_in", HUMIDITIES, "T_sup"), optional=("enabled",), measured=("T_sup",)

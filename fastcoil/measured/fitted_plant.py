@@ -11,7 +11,6 @@ samples every few seconds cannot be run on half minutes, and nothing makes the l
 """
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -127,13 +126,7 @@ def _slower(command: Array, error: Array, changes: Index, interval: float, every
     """From a log at least as fine as the controller: a row for each few changes that are one sample apart each."""
     apart = np.diff(changes) * interval
     one = np.abs(apart - every) < max(interval, 0.5 * every) - HELD
-    total = np.concatenate([[0.0], np.cumsum(every * error[changes])])
-
-    def rows(lag: int) -> _Rows:
-        all_one = np.flatnonzero(_moving_sum(one, lag) == lag)
-        return changes[all_one], changes[all_one + lag], total[all_one + lag + 1] - total[all_one + 1]
-
-    fit = _best_pi(command, error, rows)
+    fit = _best_pi(command, error, changes, one, np.cumsum(every * error[changes]))
     return fit and fit.pi(every)
 
 
@@ -158,15 +151,9 @@ def _between(
         before = np.floor(at + HELD).astype(int)
         error = np.interp(at, np.arange(command.size), temperature) - T_set[before]
         usable = good[before] & good[before + 1]
-        total = np.concatenate([[0.0], np.cumsum(every * np.where(usable, error, 0.0))])
+        integral = np.cumsum(every * np.where(usable, error, 0.0))
         last = np.append(np.diff(seen) > 0, False)  # of the controller's samples before one of the log
-
-        def rows(lag: int, usable: Mask = usable, total: Array = total, last: Mask = last) -> _Rows:
-            whole = _moving_sum(usable, lag + 1) == lag + 1
-            first = np.flatnonzero(whole & last[: whole.size] & last[lag:])
-            return first, first + lag, total[first + lag + 1] - total[first + 1]
-
-        if fit := _best_pi(command[seen], error, rows):
+        if fit := _best_pi(command[seen], error, np.arange(at.size), usable[1:] & usable[:-1], integral, last):
             found.append(fit.pi(every)._replace(phase=float(at[0] * interval)))
     return found
 
@@ -178,15 +165,11 @@ def _faster(
 
     The temperature runs straight between them, and the set-point holds.
     """
+    both = good[1:] & good[:-1]
 
     def fit_of(sums: Array) -> _Fit | None:
-        total = np.concatenate([[0.0], np.cumsum(np.where(good[1:] & good[:-1], sums, 0.0))])
-
-        def rows(lag: int) -> _Rows:
-            first = np.flatnonzero(_moving_sum(good, lag + 1) == lag + 1)
-            return first, first + lag, total[first + lag] - total[first]
-
-        return _best_pi(command, error, rows)
+        integral = np.concatenate([[0.0], np.cumsum(np.where(both, sums, 0.0))])
+        return _best_pi(command, error, np.arange(command.size), both, integral)
 
     fit = fit_of(interval * error[1:])
     if fit is not None and 1.0 - fit.explained < EXACT**2:
@@ -197,23 +180,21 @@ def _faster(
     return fit and fit._replace(kp=fit.kp - 0.5 * every * fit.ki).pi(every)
 
 
-def _moving_sum(flags: Mask, width: int) -> Index:
-    total = np.concatenate([[0], np.cumsum(flags)])
-    return np.asarray(total[width:] - total[:-width])
+def _best_pi(
+    command: Array, error: Array, at: Index, whole: Mask, integral: Array, ends: Mask | None = None
+) -> _Fit | None:
+    """The fit of the changes between the samples ``at``, (n,), over the lag that explains most.
 
-
-_Rows = tuple[Index, Index, Array]
-"""Samples before and after each change that is compared, and the integral of the error between them."""
-
-
-def _best_pi(command: Array, error: Array, rows: Callable[[int], _Rows]) -> _Fit | None:
-    """The fit over the lag that explains most.
-
-    A log whose samples fall between those of the controller sees one of these now and two then; a longer lag evens
-    that out, and what a coarse resolution does too.
+    whole: where nothing is missing up to the next of them, (n - 1,).  integral: of the error up to each.  ends: those
+    between which changes are compared, all if None.  A log whose samples fall between those of the controller sees one
+    of these now and two then; a longer lag evens that out, and what a coarse resolution does too.
     """
-    fits = [fit for lag in ROW_LAGS if (fit := regressed_pi(command, error, *rows(lag))) is not None]
-    return max(fits, key=lambda fit: fit.explained, default=None)
+    fits, broken_before = [], np.concatenate([[0], np.cumsum(~whole)])
+    for lag in ROW_LAGS:
+        used = broken_before[lag:] == broken_before[:-lag]
+        first = np.flatnonzero(used if ends is None else used & ends[lag:] & ends[:-lag])
+        fits.append(regressed_pi(command, error, at[first], at[first + lag], integral[first + lag] - integral[first]))
+    return max(filter(None, fits), key=lambda fit: fit.explained, default=None)
 
 
 def regressed_pi(command: Array, error: Array, before: Index, after: Index, integral: Array) -> _Fit | None:

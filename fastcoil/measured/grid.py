@@ -118,18 +118,16 @@ def in_a_row(grids: Sequence[Grid]) -> Grid:
     sizes = [grid.on.size + silence for grid in grids]
 
     def joined(parts: Iterable[NDArray[Any]], between: Any) -> NDArray[Any]:
-        rows = [np.concatenate([part, np.full(silence, between, dtype=part.dtype)]) for part in parts]
-        return np.concatenate(rows)[:-silence]
+        return np.concatenate([np.pad(part, (0, silence), constant_values=between) for part in parts])[:-silence]
 
-    names = set.intersection(*(set(grid.values) for grid in grids))
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    names = [name for name in grids[0].values if all(name in grid.values for grid in grids)]
     return Grid(
         interval,
         interval * np.arange(float(sum(sizes) - silence)),
-        {name: joined([grid.values[name] for grid in grids], np.nan) for name in grids[0].values if name in names},
+        {name: joined([grid.values[name] for grid in grids], np.nan) for name in names},
         joined([grid.on for grid in grids], False),
         max(grid.increment for grid in grids),
-        tuple(starts.tolist()),
+        tuple(np.cumsum([0, *sizes[:-1]]).tolist()),
     )
 
 

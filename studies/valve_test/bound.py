@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 import fastcoil as fc
 from fastcoil.measured.identify import GOOD, TOLERANCE
-from fastcoil.measured.valve_response import AR, MA
+from fastcoil.measured.read_test import AR, MA
 from studies.common import compare_rows, write_table
 from studies.days import of_kind, settings
 from studies.diagnosis.diagnosis import valves

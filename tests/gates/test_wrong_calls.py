@@ -20,9 +20,8 @@ from matplotlib.figure import Figure
 
 import fastcoil as fc
 from fastcoil.design.tuning_result import Tuning
-from fastcoil.measured.diagnosis import Diagnosis
+from fastcoil.measured.diagnosis import Diagnosis, ValveReading
 from fastcoil.measured.fit import Fit
-from fastcoil.measured.valve_reading import ValveReading
 
 pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]
 
@@ -200,7 +199,7 @@ def base_calls(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def _cheap_and_in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("fastcoil.measured.coil_problem._N_STARTS", 2)
+    monkeypatch.setattr("fastcoil.measured.fit_coil._N_STARTS", 2)
     yield
     plt.close("all")
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from fastcoil.measured.coil_problem import COIL
+from fastcoil.measured.fit_coil import COIL
 
 VALVE_TRUTH = {"backlash": 0.07, "m_max": 2.0, "valve_a": 0.7, "valve_b": 9.0, "valve_c": 0.38}
 COIL_TRUTH = {name: fc.parameters()[name].default for name in COIL}

@@ -8,7 +8,7 @@ import fastcoil as fc
 from fastcoil.logs import Reading, read_log
 from fastcoil.logs.columns import Wanted
 from fastcoil.logs.pieces import at_seconds, require_whole_seconds
-from fastcoil.measured.coil_problem import record_of
+from fastcoil.measured.fit_coil import record_of
 
 TIME = np.array([0.0, 4.0, 6.0])
 

@@ -63,7 +63,7 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
         (COIL_HEADER, None, {"minimise_on": "both"}, ["T_w_out is missing"]),
         (COIL_HEADER, None, {"holds": ["T_sup"]}, ["holds = 'T_sup'"]),
         (COIL_HEADER, None, {"n_volumes": 0}, ["n_volumes = 0"]),
-        (COIL_HEADER, None, {"max_gap": 0}, ["max_gap = 0 s", "at least 1"]),
+        (COIL_HEADER, None, {"max_gap": 0}, ["max_gap = 0: ", "at least 1"]),
         (COIL_HEADER, None, {"constants": {"m_a": 1.2}}, ["m_a and constant m_a are both given"]),
         (
             COIL_HEADER,

@@ -4,15 +4,15 @@ import os
 
 import pytest
 
-from fastcoil.measured import coil_problem, least_squares
+from fastcoil.measured import fit_coil, least_squares
 
-STARTS = coil_problem._N_STARTS, least_squares._REFINED
+STARTS = fit_coil._N_STARTS, least_squares._REFINED
 
 
 @pytest.fixture
 def all_starts(monkeypatch):
     """Fits descend from as many guesses as they do for a user."""
-    monkeypatch.setattr(coil_problem, "_N_STARTS", STARTS[0])
+    monkeypatch.setattr(fit_coil, "_N_STARTS", STARTS[0])
     monkeypatch.setattr(least_squares, "_REFINED", STARTS[1])
 
 
@@ -21,6 +21,6 @@ def _few_starts(request):
     """Fits descend from the best two of 64 guesses, which is enough for clean logs; those of valves as they do."""
     with pytest.MonkeyPatch.context() as patch:
         if not os.environ.get("FASTCOIL_FULL") and "test_valve" not in request.module.__name__:
-            patch.setattr(coil_problem, "_N_STARTS", 64)
+            patch.setattr(fit_coil, "_N_STARTS", 64)
             patch.setattr(least_squares, "_REFINED", 2)
         yield

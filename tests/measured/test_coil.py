@@ -9,7 +9,7 @@ from helpers.shared_data import measured
 from helpers.simulated_logs import COIL_TRUTH, assert_covered, coil_log
 
 import fastcoil as fc
-from fastcoil.measured.coil_problem import COIL
+from fastcoil.measured.fit_coil import COIL
 
 pytestmark = pytest.mark.kernel
 

@@ -15,7 +15,7 @@ from helpers.simulated_logs import (
 import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
-from fastcoil.measured.coil_problem import CoilProblem, in_operation, record_of
+from fastcoil.measured.fit_coil import CoilProblem, in_operation, record_of
 from fastcoil.measured.part import Part
 
 pytestmark = pytest.mark.kernel

@@ -6,7 +6,7 @@ import xarray as xr
 from helpers.commands import fastcoil
 
 import fastcoil as fc
-from fastcoil.measured.fit_loop import GOOD, TOLERANCE
+from fastcoil.measured.identify import GOOD, TOLERANCE
 
 pytestmark = pytest.mark.kernel
 

@@ -9,7 +9,7 @@ from helpers.simulated_logs import COIL_TRUTH, INPUTS, VALVE_TRUTH, coil_log, fl
 import fastcoil as fc
 from fastcoil.logs import read_log
 from fastcoil.logs.columns import Wanted
-from fastcoil.measured.coil_problem import CoilProblem, record_of
+from fastcoil.measured.fit_coil import CoilProblem, record_of
 from fastcoil.measured.least_squares import FORBIDDEN, Model, autocorrelation, evaluate, minimise, uncertainty
 from fastcoil.measured.part import Part
 from fastcoil.measured.valve_problem import ValveProblem

@@ -6,7 +6,7 @@ import pytest
 import fastcoil as fc
 from fastcoil.measured.cause import DISTURBANCE, NONE, TUNING, Cause, after_hold, dies
 from fastcoil.measured.measures import NO_SWING, Measures
-from fastcoil.measured.valve_response import stems
+from fastcoil.measured.read_test import stems
 
 pytestmark = pytest.mark.kernel
 START, MINUTES = 5400, 30
@@ -110,7 +110,7 @@ def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
 
 
 def test_a_temperature_that_does_not_belong_to_the_command_is_not_identified(logs, monkeypatch):
-    monkeypatch.setattr("fastcoil.measured.valve_response._UNLIKELY", 1.0)  # nothing is likely: all of it takes long
+    monkeypatch.setattr("fastcoil.measured.read_test._UNLIKELY", 1.0)  # nothing is likely: all of it takes long
     log = logs[0.08]
     backwards = log.T_measured.copy(data=log.T_measured.values[::-1])
     r = fc.read_test(log.assign(T_measured=backwards), stroke_time=90)
