@@ -20,15 +20,14 @@ import numpy as np
 from fastcoil.base.arguments import checking, choice_of, refuse, whole_of
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of
 from fastcoil.loops.boundary.days import Drift, smooth
+from fastcoil.loops.boundary.series import CONDITIONS, condition_of
 from fastcoil.loops.boundary.weather_files import Weather
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 Settings: TypeAlias = SimpleNamespace
 """How the air handler is run; names and units as the arguments of `weather_year`."""
-DAY = 86_400
-"""Seconds."""
+DAY = 86_400  # s
 _RESET, _TRIM = ("set_point", "outdoor_reset", "trim_and_respond"), ("set_point", "trim_and_respond")
 _BY_MODE: dict[str, tuple[Any, Any, Any]] = {
     "economiser": ("differential", "none", None),
