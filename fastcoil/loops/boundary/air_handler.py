@@ -80,12 +80,8 @@ _ORDERED = (
     ("T_w_min", "T_w_max"),
     ("T_out_w_min", "T_out_w_max"),
 )
-LEAST_COOLING = 2.0
-"""Kelvins by which the supply air must be cooler than the zones, which would take endless air otherwise."""
-
-
-PLANT_STEP, ZONE_STEP = 10, 60
-"""Seconds between the samples of the noise, straight between them."""
+LEAST_COOLING = 2.0  # K by which the supply air must be cooler than the zones, which would take endless air otherwise
+PLANT_STEP, ZONE_STEP = 10, 60  # s between the samples of the noise, straight between them
 _PLANT = {
     "m_a": Drift(0.013, 60),
     "T_a_in": Drift(0.10, 120),
@@ -292,9 +288,6 @@ def water_temperature(s: Settings, T_out: Array, loads: Array) -> Array:
     return np.asarray(idle + share * (full - idle))
 
 
-# ---------------------------------------------------------------------------------------------------------------- noise
-
-
 def plant_drifts(seed: int, day: int) -> dict[str, Array]:
     """Noise of the plant by series at the seconds of a day, (86400,) each."""
     white = _white(PLANT_STEP, seed, day, 0, len(_PLANT))
@@ -331,11 +324,7 @@ def _white(step: int, seed: int, day: int, stream: int, n: int) -> Array:
     return np.concatenate(draws, axis=1)
 
 
-# -------------------------------------------------------------------------------------------- dampers, zones, set-point
-
-
-DAMPER_TIME = 90
-"""Seconds that the dampers take for a full stroke: usual for their motors."""
+DAMPER_TIME = 90  # s that the dampers take for a full stroke: usual for their motors
 COIL_ON, COIL_OFF = 0.5, 0.2
 """Deviation of the mixture from the set-point at which the loop of the coil is switched on and off, K."""
 
@@ -370,8 +359,7 @@ def coil_is_needed(missing: Array) -> Mask:
 
 LOOP_HIGH, LOOP_LOW = 0.95, 0.85
 """A zone sends one request from the upper share of its full flow until it falls below the lower one."""
-WARM, HOT = 2.0, 3.0
-"""Excess temperatures at which a zone sends two and three requests, K."""
+WARM, HOT = 2.0, 3.0  # excess temperatures at which a zone sends two and three requests, K
 
 
 def zone_loads(mean: Array, spread: float, noise: Array) -> Array:

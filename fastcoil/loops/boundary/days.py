@@ -54,8 +54,6 @@ def smooth(white: Array, drift: Drift) -> Array:
     return np.asarray(white[10 * drift.tau :] * (drift.std / stationary_std))
 
 
-# -------------------------------------------------------------------------------------------- the paper's day
-
 SET_POINTS = (14.0, 13.0, 15.0, 14.0, 12.5, 13.5, 15.5, 14.5, 13.0, 12.0, 14.0, 16.0, 15.0, 13.5, 12.5, 14.0)
 """Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD`, repeated."""
 SET_POINT_HOLD = 1800  # s
@@ -134,9 +132,6 @@ def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
     return seeds
 
 
-# --------------------------------------------------------------------------------------------- a constant day
-
-
 def constant_day(
     hours: float = 8.0,
     *,
@@ -177,8 +172,6 @@ def constant_day(
     noise = np.zeros(n_steps)
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
 
-
-# ----------------------------------------------------------------------------------------------- a design day
 
 # fmt: off
 RANGE_FRACTIONS = (
@@ -281,8 +274,7 @@ def design_day(
 
 
 WARMER = 11.0  # set-points above those of `paper_day`, K
-W_IN = 0.0035
-"""Humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is."""
+W_IN = 0.0035  # humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is
 HEATING_DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.20, 120), "T_w_in": Drift(0.3, 300)}
 """Noise of `heating_day`.  The order numbers the random streams: add at the end only."""
 

@@ -104,9 +104,7 @@ class Boundary(Samples):
         clock = Clock()
         with collecting(problems):
             clock = clock_of(start, time_zone, labels, n_steps or 0, course)
-        if problems:
-            # Series that share a coordinate share its mistakes.
-            raise InputError(list(dict.fromkeys(problems)))
+        refuse(list(dict.fromkeys(problems)))  # series that share a coordinate share its mistakes
         whole, stopped = series_of(given, labels.size, n_steps or 0, by_air=enabled is None)
         warn_of_stops(stopped)
         ds = dataset_of(whole, labels, n_steps or 0, clock)

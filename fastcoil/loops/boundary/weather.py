@@ -32,10 +32,10 @@ _FIRST_YEAR, _LAST_YEAR = 1970, 2199
 
 
 def _require_leap_year(year: int, weather: Weather, file: str) -> None:
-    hours, series = weather.series["hour_of_year"], weather.series
-    leap = bool(hours[-1] > 8760)
-    if "month" in series and "day" in series:
-        leap = leap or bool(((series["month"] == 2) & (series["day"] == 29)).any())
+    s = weather.series
+    leap = bool(s["hour_of_year"][-1] > 8760)
+    if {"month", "day"} <= s.keys():
+        leap = leap or bool(((s["month"] == 2) & (s["day"] == 29)).any())
     if isleap(year) != leap:
         has, other = ("a", "a leap year") if leap else ("no", "a year that is no leap year")
         raise InputError(f"year = {year}: {file} has {has} 29 February, give {other}")
@@ -211,11 +211,9 @@ def weather_year(
         labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
     dates = _dates_of(labels, year)
     if absent := [label for label in labels if label not in outdoors.days]:
+        whole = f"{path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year"
         more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
-        raise InputError(
-            f"days: {path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year, not "
-            f"{absent[0]}{more}: choose among them"
-        )
+        raise InputError(f"days: {whole}, not {absent[0]}{more}: choose among them")
     fan = {
         label: weekend if date.weekday() >= 5 or (date.month, date.day) in free else weekday
         for label, date in zip(labels, dates, strict=True)

@@ -177,9 +177,6 @@ def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
     table.stop_if_wrong()
 
 
-# ---------------------------------------------------------------------------------------------------- EPW and TMY3
-
-
 class Field(NamedTuple):
     """A field of a format.
 
