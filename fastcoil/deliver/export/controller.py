@@ -4,7 +4,6 @@ The frame of the laws (PI, compensation, start, bad readings) is in ``laws/contr
 law in place of the PI, are translated from the functions that the kernel runs.
 """
 
-import math
 import re
 from functools import cache
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.translate import Port, Translator
@@ -32,10 +32,8 @@ from fastcoil.model.parameter_table import LARGEST, PARAMETERS
 from fastcoil.model.user_rules import rules_for_kernels
 from fastcoil.model.valve_test import OFF, begin, held_command, mean_of, step
 
-ANY_SET_POINTS = np.array([0.0, LARGEST])
-"""A controller may get any."""
-_OTHERS = ("m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w")
-"""Names that the laws have only with a rule."""
+ANY_SET_POINTS = np.array([0.0, LARGEST])  # a controller may get any
+_OTHERS = ("m_a", "T_seen", "decided", "begin_law", "estimate", "assumed", "w")  # the laws have them only with a rule
 
 
 def run_test(now: Any, p: Any, memory: Any) -> Any:
@@ -86,8 +84,7 @@ class Controller:
     """
 
     def __init__(self, loop: Loop) -> None:
-        if loop.swept:
-            raise InputError([f"{name} is swept: give it one value, a controller has one" for name in loop.swept])
+        refuse([f"{name} is swept: give it one value, a controller has one" for name in loop.swept])
         check_clashes(loop, ANY_SET_POINTS)
         rules = rules_for_kernels(loop.rules)
         columns = columns_of(loop, {}, np.zeros(1, dtype=np.int64))
@@ -98,11 +95,8 @@ class Controller:
         self.heats = self.word["action"] == "heating"
         sample, interval = self.number["sample_time"], self.number["learning_interval"]
         if self.word["estimator"] == "learner" and interval % sample != 0.0:
-            below, above = sample * math.floor(interval / sample), sample * math.ceil(interval / sample)
-            raise InputError(
-                f"learning_interval = {interval:g} s is not a whole number of cycles of {sample:g} s (sample_time): "
-                f"give {below:g} or {above:g}, say"
-            )
+            cure = f"give a multiple of sample_time, {sample:g} s"
+            raise InputError(f"learning_interval = {interval:g} s is not a whole number of cycles: {cure}")
         known = [e for e in (*ESTIMATORS, *rules.estimators) if e is not None]
         estimator = next((one for one in known if one.name == self.word["estimator"]), None)
         if estimator is None:
@@ -187,7 +181,6 @@ class Controller:
         return " and ".join(", ".join(filter(None, parts)).rsplit(", ", 1))
 
     def _constant(self, name: str) -> str:
-        """A parameter as a constant, with its unit and meaning."""
         unit, text = self.parameters[name].unit, self.parameters[name].text
         unit = "1/(K s)" if unit == "K-1 s-1" else unit_in_words(unit)  # which figures leave as it is
         return commented(f"{name.upper()} = {number(self.number[name])}", f"{unit}: {text}" if unit else text)

@@ -7,23 +7,20 @@ from textwrap import wrap
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, choice_of, instance_of, path_of
+from fastcoil.base.arguments import checking, choice_of, instance_of, path_of, refuse
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.controller import Controller, templates
 from fastcoil.deliver.export.fmu import fmu
-from fastcoil.deliver.export.languages import InC, InST, st_number
-from fastcoil.deliver.export.plcopen import plcopen
+from fastcoil.deliver.export.languages import InC, InST, plcopen, st_number
 from fastcoil.deliver.export.printer import Laws
 from fastcoil.deliver.export.vectors import Vectors, cycles, vectors_of
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.valve_test import ValveTest
 
-SUFFIXES = {"c": ".c", "st": ".st", "python": ".py", "fmu": ".fmu", "plcopen": ".xml"}
-"""Of the files, by language."""
-FIRST_VECTORS = 400
-"""Vectors that a program in Structured Text holds, which cannot read files."""
+SUFFIXES = {"c": ".c", "st": ".st", "python": ".py", "fmu": ".fmu", "plcopen": ".xml"}  # by language
+FIRST_VECTORS = 400  # that a program in Structured Text holds, which cannot read files
 _MARK = b"ritten by fastcoil "  # in the head of every file
 _TOLERANCE = 1e-12
 
@@ -69,7 +66,9 @@ def export_controller(
         language = check(choice_of, "language", language, SUFFIXES)
         test = check.unless_none(instance_of, "test", test, ValveTest, "give a fastcoil.ValveTest")
     require_file("path", path, SUFFIXES[language])
-    _require_name(path)
+    if not _name_of(path) or not re.fullmatch(r"[A-Za-z0-9 _.,()+-]+", path.name):
+        cure = "give it a name of letters a to z, digits, spaces and _ . , ( ) + -, which the code and comments contain"
+        raise InputError(f"path = {shown(str(path))}: {cure}")
     loop = loop if test is None else loop.assign(**test.parameters())
     controller = Controller(loop)
     text = controller.text()
@@ -84,22 +83,10 @@ def export_controller(
     files = _files(path, language, text, vectors, controller)
     # somebody else's, such as a rule in mine.py beside the loop in mine.toml
     others = [each for each in map(path.with_name, files) if exists(each) and not has_mark(each, _MARK)]
-    if others:
-        raise InputError(
-            [f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others]
-        )
+    refuse([f"{each} exists, and fastcoil did not write it: choose another name, or delete it" for each in others])
     for name, content in files.items():
         commit(path.with_name(name), content if isinstance(content, bytes) else content.encode())
     return [path.with_name(name) for name in files]
-
-
-def _require_name(path: Path) -> None:
-    """Refuse a name that cannot stand in a comment."""
-    if not _name_of(path) or not re.fullmatch(r"[A-Za-z0-9 _.,()+-]+", path.name):
-        raise InputError(
-            f"path = {shown(str(path))}: give it a name of letters a to z, digits, spaces and _ . , ( ) + -: "
-            "the code and its comments contain it"
-        )
 
 
 def _name_of(path: Path) -> str:
@@ -109,7 +96,6 @@ def _name_of(path: Path) -> str:
 
 
 def _files(path: Path, language: str, text: str, vectors: Vectors, controller: Controller) -> dict[str, str | bytes]:
-    """Content of each file by its name."""
     name, stored = _name_of(path), f"{path.stem}_vectors.csv"
     words = {
         "name": name, "file": path.name, "vectors": stored, "inputs": vectors.inputs, "outputs": vectors.outputs,

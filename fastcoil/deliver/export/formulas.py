@@ -36,7 +36,7 @@ _SIGNS: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }  # fmt: skip
-_FUNCTIONS: Mapping[str, tuple[Any, ...]] = {
+FUNCTIONS: Mapping[str, tuple[Any, ...]] = {
     "math.exp": (math.exp, np.exp, elementary.exp), "math.log": (math.log, np.log, elementary.log),
     "math.sqrt": (math.sqrt, np.sqrt), "math.sin": (math.sin, np.sin), "math.cos": (math.cos, np.cos),
     "math.tan": (math.tan, np.tan), "math.asin": (math.asin, np.arcsin), "math.acos": (math.acos, np.arccos),
@@ -263,8 +263,7 @@ class Formulas(ABC):
         raise self._lacks(node)
 
     @abstractmethod
-    def _call(self, node: ast.Call, scope: Scope) -> Any:
-        """What a call gives."""
+    def _call(self, node: ast.Call, scope: Scope) -> Any: ...
 
     # names
 
@@ -415,11 +414,6 @@ class Formulas(ABC):
         square = self._arithmetic(ast.Mult(), left, left)
         return square if right.value == 2 else self._arithmetic(ast.Mult(), square, left)
 
-    @staticmethod
-    def _known_function(function: Any) -> str:
-        """The laws' name for a function of mathematics; empty for any other."""
-        return next((name for name, same in _FUNCTIONS.items() if any(function is one for one in same)), "")
-
     def _mathematics(self, name: str, given: list[Number]) -> Number:
         """The value of a function that the languages have."""
         if name == "bool":
@@ -436,7 +430,7 @@ class Formulas(ABC):
         kind = "whole" if is_whole or name == "int" else "real"
         value = None
         if all(one.value is not None for one in numbers):
-            value = _FUNCTIONS[name][0](*(one.value for one in numbers))
+            value = FUNCTIONS[name][0](*(one.value for one in numbers))
             value = value if kind == "whole" else float(value)
         both = frozenset().union(*(one.needs for one in numbers))
         return Number(call_of(name, *(one.text for one in numbers)), kind, value, both)

@@ -131,7 +131,6 @@ class Printer:
         self.laws, self.words, self.functions = laws, dict(self.WORDS), dict(self.FUNCTIONS)
 
     def comment(self, text: str) -> str:
-        """A comment of one line, or of several."""
         first, mark, last = self.COMMENT
         lines = [f"{mark}{line}".rstrip() for line in text.splitlines()]
         return f"{first} {text} {last}" if len(lines) < 2 else "\n".join([first, *lines, mark[:1].strip() + last])
@@ -194,7 +193,6 @@ class Printer:
         return f"{self.functions[ast.unparse(call.func)]}({', '.join(map(self.say, call.args))})"
 
     def block(self, body: list[ast.stmt], depth: int) -> list[str]:
-        """Statements as lines."""
         lines: list[str] = []
         indent = "    " * depth
         for node in body:

@@ -18,7 +18,7 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.export.formulas import KNOWN, SAID, AgainError, Formulas
+from fastcoil.deliver.export.formulas import FUNCTIONS, KNOWN, SAID, AgainError, Formulas
 from fastcoil.deliver.export.values import (
     Number,
     Scope,
@@ -259,7 +259,6 @@ class Translator(Formulas):
             self.out.append(ast.For(ast.Name(i), counted, block, []))
 
     def _largest(self, end: Number) -> int | None:
-        """The largest value of a whole number."""
         if end.value is not None:
             return int(end.value)
         if isinstance(end.text, ast.Name):
@@ -284,9 +283,9 @@ class Translator(Formulas):
             return constant(True)
         if function is len and isinstance(given[0], Table):
             return constant(len(given[0].values))
-        name = self._known_function(function)
-        if name:
-            return self._mathematics(name, given)
+        for name, same in FUNCTIONS.items():
+            if any(function is one for one in same):
+                return self._mathematics(name, given)
         python = getattr(function, "py_func", function)
         if not isinstance(python, FunctionType):
             raise self._refusal(f"it calls {ast.unparse(node.func)}", f"use {KNOWN} and functions written in Python")

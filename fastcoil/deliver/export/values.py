@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from types import FunctionType
 from typing import Any
 
-LARGEST = 1.7976931348623157e308
-"""Stands for infinity, which nothing exceeds either."""
+from fastcoil.model.parameter_table import LARGEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +72,7 @@ def constant(value: Any) -> Number:
     if kind == "flag":
         return Number(ast.Constant(value), kind, value)
     if kind == "real":
+        # nothing exceeds the largest number either
         value = math.copysign(LARGEST, value) if math.isinf(value) else float(value)
     text: ast.expr = ast.Constant(0.0 if math.isnan(value) else abs(value))
     return Number(ast.UnaryOp(ast.USub(), text) if math.copysign(1.0, value) < 0.0 else text, kind, value)

@@ -33,8 +33,7 @@ _HOURS, _HOURS_TO_IDENTIFY = 1, 3  # of the simulated day: an estimate from step
 _TEST_START = 1800.0  # s
 _LIMITS = -50.0, 150.0  # of a good reading, degC
 _INPUTS = ("T_sup", "T_set", "m_a", "enabled", "start_test", "reset", "start_command")
-FLAGS = ("enabled", "start_test", "reset")
-"""Inputs that are true or false."""
+FLAGS = ("enabled", "start_test", "reset")  # inputs that are true or false
 _LARGEST_ERROR = 25.0  # K; a reading stays plausible
 _MOST_CYCLES = 6000  # of a record: intervals of a day would fill a disk
 _OFF = (95, 103, 150)  # cycles at which the plant goes off for the next four

@@ -13,12 +13,10 @@ from textwrap import dedent, wrap
 from types import FunctionType
 from typing import Any
 
-WIDTH = 100
-"""Characters of a line of code."""
+WIDTH = 100  # characters of a line of code
 _WORDS = tomllib.loads((Path(__file__).parent / "laws" / "reserved.toml").read_text(encoding="utf-8"))
 IEC = frozenset(_WORDS["iec"].split())
-RESERVED = frozenset(" ".join(_WORDS.values()).split())
-"""In small letters."""
+RESERVED = frozenset(" ".join(_WORDS.values()).split())  # in small letters
 _PLAIN = {
     "ü": "ue", "ä": "ae", "ö": "oe", "ß": "ss", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "…": "...",
     "≤": "<=", "≥": ">=", "²": "2", "³": "3", "°": "deg", "±": "+-", "½": "1/2", "Δ": "d", "α": "alpha", "β": "beta",

@@ -190,8 +190,7 @@ def say_if_empty(axes: Axes, values: xr.DataArray) -> bool:
     return True
 
 
-_FEWEST_FOR_A_BAND = 5
-"""Fewer members are drawn one by one: their percentiles would be interpolated between two or three numbers."""
+_FEWEST_FOR_A_BAND = 5  # fewer are drawn one by one: percentiles would lie between two or three numbers
 
 
 def _band_or_members(values: xr.DataArray, dim: str) -> tuple[xr.DataArray | None, np.ndarray | None]:

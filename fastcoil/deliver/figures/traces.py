@@ -81,8 +81,7 @@ _SHARED = {"temperature [°C]": _TEMPERATURES, "valve [%]": _VALVE}  # panels th
 _USUAL = ("T_sup", "command", "position", "opening", "estimate")
 _TALL, _LOW = 1.9, 1.3  # height of the first panel over time and of the others, inches
 _HEIGHT_OF_ESTIMATE, _HEIGHT_OF_SWING = 2.4, 3.0
-_STEPPED = frozenset(("command", "u", "integral", "estimate", "mode"))
-"""They hold between two samples of the controller."""
+_STEPPED = ("command", "u", "integral", "estimate", "mode")  # they hold between two samples of the controller
 
 
 @in_style()
@@ -131,7 +130,6 @@ def traces(data: Any, boundary: Boundary | None = None, *, show: Any = None, ax:
 
 
 def _names(ds: xr.Dataset, show: Any) -> list[str]:
-    """The traces to draw: those that are asked for, or the usual ones."""
     there = [n for n in TRACES if n in ds and "elapsed_time" in ds[n].dims]
     if show is None:
         usual = [n for n in _USUAL if n in there and (n != "estimate" or bool((ds[n] > 0.0).any()))]

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_ROWS, _A_FEW_MORE = 12, 4
-"""Rows of a table along a swept parameter; all of them are in the results."""
+MOST_ROWS, _A_FEW_MORE = 12, 4  # rows of a table along a swept parameter; all of them are in the results
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -44,8 +43,7 @@ def number(value: float, digits: int = 3) -> str:
     if abs(rounded) >= 1e7 or abs(rounded) < 1e-4:
         return f"{value:.{digits - 1}e}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
-    text = f"{rounded:.{places}f}".replace("-", MINUS)
-    return f"{rounded:,.0f}".replace("-", MINUS) if abs(rounded) >= 1e4 else text
+    return (f"{rounded:,.0f}" if abs(rounded) >= 1e4 else f"{rounded:.{places}f}").replace("-", MINUS)
 
 
 def change(share: float) -> str:
@@ -87,8 +85,7 @@ def left_out(n: int, shown: int, what: str) -> str:
 
 
 _MARK = b'<meta name="generator" content="fastcoil '
-DPI = 200
-"""Of the pictures: for print on A4."""
+DPI = 200  # of the pictures, for print on A4
 _BESIDE = ("baseline", "never", "yes", "no")  # words in a column of numbers
 
 

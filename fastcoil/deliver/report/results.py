@@ -12,21 +12,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import path_of
 from fastcoil.base.errors import InputError, WrongType
-from fastcoil.deliver.report.page import (
-    Code,
-    Page,
-    Picture,
-    Section,
-    Words,
-    changed,
-    cited,
-    facts,
-    number,
-    picture,
-    require_page,
-    setting,
-    versions,
-)
+from fastcoil.deliver.report import page
 from fastcoil.deliver.report.study import study_page
 from fastcoil.design.explain import Explanation
 from fastcoil.design.tuning_result import Tuning
@@ -39,25 +25,23 @@ from fastcoil.study.folder.folder import StudyFolder
 
 
 def _page(
-    label: str, title: str, question: str, answer: Sequence[str], warnings: Sequence[str], drawn: Picture,
-    found: xr.Dataset, more: Sequence[Section],
-) -> Page:  # fmt: skip
+    label: str, title: str, question: str, answer: Sequence[str], warnings: Sequence[str], drawn: page.Picture,
+    found: xr.Dataset, more: Sequence[page.Section],
+) -> page.Page:  # fmt: skip
     """The page of a single result.  found: what its hash is of.  more: the sections behind the figure."""
     made_here = {name: value for name, value in provenance().items() if name != "date_created"}
-    sections = [Section("In one figure", [drawn]), *more, versions(made_here), cited()]
-    return Page(label, title, question, warnings, answer, sections, content_sha256(found))
+    sections = [page.Section("In one figure", [drawn]), *more, page.versions(made_here), page.cited()]
+    return page.Page(label, title, question, warnings, answer, sections, content_sha256(found))
 
 
-def _for_a_study(name: str, toml: str, notes: Sequence[str]) -> list[Section]:
+def _for_a_study(name: str, toml: str, notes: Sequence[str]) -> list[page.Section]:
     """All numbers, as a study takes them, behind what to mind."""
     words = f'Save this as {name}.toml; in a study file, [loop] include = ["{name}.toml"] takes it.'
     return [
-        Section("What to mind", [Words(notes, bullets=True)] if notes else []),
-        Section("All numbers, for a study", [Words([words]), Code(toml)]),
+        page.Section("What to mind", [page.Words(notes, bullets=True)] if notes else []),
+        page.Section("All numbers, for a study", [page.Words([words]), page.Code(toml)]),
     ]
 
-
-# --- a fit ------------------------------------------------------------------------------------------------------------
 
 _QUESTIONS = {
     "valve": "Which backlash and which flow curve does this valve have?",
@@ -70,13 +54,13 @@ _CAPTION = (
 )
 
 
-def fit_page(fit: Fit) -> Page:
+def fit_page(fit: Fit) -> page.Page:
     """The report of a fit."""
     known_together = [line for line in fit.summary() if " are known only together " in line]
     warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
     return _page(
         "Fit", f"{fit.kind.capitalize()} fitted to {fit.source}", _QUESTIONS[fit.kind], _answer_of(fit), warnings,
-        picture(fit.plot(), _CAPTION, f"Measured and modelled {fit.kind}"), fit.residuals,
+        page.picture(fit.plot(), _CAPTION, f"Measured and modelled {fit.kind}"), fit.residuals,
         _for_a_study(fit.kind, fit.to_toml(), [*known_together, *fit.notes]),
     )  # fmt: skip
 
@@ -84,24 +68,20 @@ def fit_page(fit: Fit) -> Page:
 def _answer_of(fit: Fit) -> list[str]:
     """The size of the gap, and the error of the model where it was fitted, where it was not, and without the gap."""
     rmse, unit, lines = fit.rmse, fit.unit, []
+    fitting = page.number(rmse[FITTING])
     if "backlash" in fit.intervals:
-        gap, low, high = (number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
+        gap, low, high = (page.number(100 * v) for v in (fit.parameters["backlash"], *fit.intervals["backlash"]))
         lines.append(f"The gap is {gap} % of the stroke (95 %: {low} to {high} %).")
     elif fit.kind != "coil" and "backlash" not in fit.parameters:
         why = fit.held.get("backlash", "see what to mind")
         lines.append(f"The log does not identify the size of the gap: {why}.")
     if VALIDATION not in rmse:
-        return [*lines, f"The model errs by {number(rmse[FITTING])} {unit} (RMS).  Nothing was held back to check it."]
-    plain = rmse.get(f"{VALIDATION}_without_backlash")
-    without = "" if plain is None else f"; without a gap it would be {number(plain)} {unit}"
-    lines.append(
-        f"On the part of the log that it never saw, the model errs by {number(rmse[VALIDATION])} {unit} (RMS){without}."
-        f"  On the part that it was fitted to, by {number(rmse[FITTING])} {unit}."
-    )
-    return lines
+        return [*lines, f"The model errs by {fitting} {unit} (RMS).  Nothing was held back to check it."]
+    plain, unseen = rmse.get(f"{VALIDATION}_without_backlash"), page.number(rmse[VALIDATION])
+    without = "" if plain is None else f"; without a gap it would be {page.number(plain)} {unit}"
+    said = f"On the part of the log that it never saw, the model errs by {unseen} {unit} (RMS){without}."
+    return [*lines, f"{said}  On the part that it was fitted to, by {fitting} {unit}."]
 
-
-# --- a diagnosis, a tuning, an explanation ----------------------------------------------------------------------------
 
 _ONE_PAGE = (
     "From the top: what each hour was like; supply air (line) and its set-point (dashed) in the two hours in which the "
@@ -122,19 +102,19 @@ _TWO_PANELS = (
 )
 
 
-def diagnosis_page(d: Diagnosis) -> Page:
+def diagnosis_page(d: Diagnosis) -> page.Page:
     """The report of a diagnosis."""
     warnings = [] if d.identified else [f"The log does not identify the size of the gap: {d.reason}"]
     answer = [line for line in d.summary() if not line.startswith("Note: ")]
     return _page(
         "Diagnosis", f"Is it the valve? {d.source}",
         "How large is the gap of this valve, does its loop hunt, and is the valve to blame?", answer, warnings,
-        picture(d.plot(), _ONE_PAGE, "Signals, probability of each gap, predictions"), d.signals,
+        page.picture(d.plot(), _ONE_PAGE, "Signals, probability of each gap, predictions"), d.signals,
         _for_a_study("diagnosis", d.to_toml(), d.notes),
     )  # fmt: skip
 
 
-def tuning_page(t: Tuning) -> Page:
+def tuning_page(t: Tuning) -> page.Page:
     """The report of a tuning."""
     broken = "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
     first, *lines = t.summary()
@@ -143,34 +123,31 @@ def tuning_page(t: Tuning) -> Page:
         "Tuning", "Tuning of " + ", ".join(quantity(name).text for name in t.parameters),
         "Which settings suit all these valves and days, and what do they do on valves and days not searched on?",
         answer, [*([] if t.meets_limits else [broken]), *t.notes],
-        picture(t.plot(), _CHOICE, "Error against motor travel of the tunings"), t.evaluations,
+        page.picture(t.plot(), _CHOICE, "Error against motor travel of the tunings"), t.evaluations,
         _for_a_study("tuning", t.to_toml(), ()),
     )  # fmt: skip
 
 
-def explanation_page(e: Explanation) -> Page:
+def explanation_page(e: Explanation) -> page.Page:
     """The report of an explanation."""
-    lines, own = e.text.splitlines(), changed(e.loop.constants, "paper_like", "default")
+    lines, own = e.text.splitlines(), page.changed(e.loop.constants, "paper_like", "default")
+    which = [page.facts(("Day", e.boundary.describe())), *([own] if own.rows else [])]
     answer = [*lines[: lines.index("")], *filter(None, [e.advice])]
     return _page(
         "Explanation",
-        "Will this loop hunt? " + ", ".join(f"{name} = {setting(name, e.loop[name])}" for name in ("kp", "ti")),
+        "Will this loop hunt? " + ", ".join(f"{name} = {page.setting(name, e.loop[name])}" for name in ("kp", "ti")),
         "Will it hunt on this day, why, what would cure it, and what does that cost?", answer, list(e.doubts),
-        picture(e.plot(), f"S{_DAY}" if e.phase is None else _TWO_PANELS, "Margin, gains and the day"), e.cures,
-        [
-            Section("In full", [Code(e.text)]),
-            Section("Which loop, on which day", [facts(("Day", e.boundary.describe())), *([own] if own.rows else [])]),
-        ],
+        page.picture(e.plot(), f"S{_DAY}" if e.phase is None else _TWO_PANELS, "Margin, gains and the day"), e.cures,
+        [page.Section("In full", [page.Code(e.text)]), page.Section("Which loop, on which day", which)],
     )  # fmt: skip
 
 
-PAGES: Mapping[type, Callable[[Any], Page]] = {
+PAGES: Mapping[type, Callable[[Any], page.Page]] = {
     Fit: fit_page, Diagnosis: diagnosis_page, Tuning: tuning_page, Explanation: explanation_page,
 }  # fmt: skip
 
 
-REPORT = "report.html"
-"""Name of the page in a folder."""
+REPORT = "report.html"  # name of the page in a folder
 _CURE = (
     "give the folder of a study, or what fc.diagnose, fc.fit_valve, fc.fit_coil, fc.fit_loop, fc.tune or fc.explain "
     "returned"
@@ -201,17 +178,17 @@ def report(what: Any, path: str | os.PathLike[str] | None = None) -> Path:
     StorageError, IntegrityError
         If a file cannot be read or written; if results are damaged.  Nothing half-written is left behind.
     """
-    make: Callable[[Any], Page] | None
+    make: Callable[[Any], page.Page] | None
     if isinstance(what, (str, os.PathLike)):
         what, make = path_of("what", what, _CURE), study_page
         StudyFolder(what).require_manifest()
         path = what / REPORT if path is None else path
     else:
-        make = next((page for kind, page in PAGES.items() if isinstance(what, kind)), None)
+        make = next((made for kind, made in PAGES.items() if isinstance(what, kind)), None)
     if make is None:
         raise InputError(WrongType(f"what is a {type(what).__name__}: {_CURE}"))
     if path is None:
         raise InputError(f"path is missing: {_FILE}")
     where = path_of("path", path, _FILE)
-    require_page(where)
+    page.require_page(where)
     return make(what).write(where)

@@ -196,7 +196,6 @@ def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
 
 
 def _csv(ds: xr.Dataset) -> str:
-    """The survey as CSV: a row for each valve, units in the header, empty cells where there is no value."""
     frame = ds.to_dataframe().reset_index()
     for name in ("valve", *_TEXTS):
         frame[name] = frame[name].map(no_formula)
@@ -237,7 +236,6 @@ def headline(ds: xr.Dataset) -> str:
 
 
 def _page(ds: xr.Dataset) -> Page:
-    """The survey as a page: every valve with what to do, and every log that could not be diagnosed."""
     is_read = ds["problem"].values == ""
     texts = (ds[name].values[is_read] for name in ("warnings", "advice", "reason"))
     rows = [[*row, ". ".join(filter(None, text[:2])) or text[2] or NONE] for row, *text in

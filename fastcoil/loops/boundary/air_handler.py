@@ -20,15 +20,14 @@ import numpy as np
 from fastcoil.base.arguments import checking, choice_of, refuse, whole_of
 from fastcoil.base.arrays import Array, Mask
 from fastcoil.base.errors import InputError
-from fastcoil.loops.boundary.conditions import CONDITIONS, condition_of
 from fastcoil.loops.boundary.days import Drift, smooth
+from fastcoil.loops.boundary.series import CONDITIONS, condition_of
 from fastcoil.loops.boundary.weather_files import Weather
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 Settings: TypeAlias = SimpleNamespace
 """How the air handler is run; names and units as the arguments of `weather_year`."""
-DAY = 86_400
-"""Seconds."""
+DAY = 86_400  # s
 _RESET, _TRIM = ("set_point", "outdoor_reset", "trim_and_respond"), ("set_point", "trim_and_respond")
 _BY_MODE: dict[str, tuple[Any, Any, Any]] = {
     "economiser": ("differential", "none", None),
@@ -81,12 +80,8 @@ _ORDERED = (
     ("T_w_min", "T_w_max"),
     ("T_out_w_min", "T_out_w_max"),
 )
-LEAST_COOLING = 2.0
-"""Kelvins by which the supply air must be cooler than the zones, which would take endless air otherwise."""
-
-
-PLANT_STEP, ZONE_STEP = 10, 60
-"""Seconds between the samples of the noise, straight between them."""
+LEAST_COOLING = 2.0  # K by which the supply air must be cooler than the zones, which would take endless air otherwise
+PLANT_STEP, ZONE_STEP = 10, 60  # s between the samples of the noise, straight between them
 _PLANT = {
     "m_a": Drift(0.013, 60),
     "T_a_in": Drift(0.10, 120),
@@ -293,9 +288,6 @@ def water_temperature(s: Settings, T_out: Array, loads: Array) -> Array:
     return np.asarray(idle + share * (full - idle))
 
 
-# ---------------------------------------------------------------------------------------------------------------- noise
-
-
 def plant_drifts(seed: int, day: int) -> dict[str, Array]:
     """Noise of the plant by series at the seconds of a day, (86400,) each."""
     white = _white(PLANT_STEP, seed, day, 0, len(_PLANT))
@@ -332,11 +324,7 @@ def _white(step: int, seed: int, day: int, stream: int, n: int) -> Array:
     return np.concatenate(draws, axis=1)
 
 
-# -------------------------------------------------------------------------------------------- dampers, zones, set-point
-
-
-DAMPER_TIME = 90
-"""Seconds that the dampers take for a full stroke: usual for their motors."""
+DAMPER_TIME = 90  # s that the dampers take for a full stroke: usual for their motors
 COIL_ON, COIL_OFF = 0.5, 0.2
 """Deviation of the mixture from the set-point at which the loop of the coil is switched on and off, K."""
 
@@ -371,8 +359,7 @@ def coil_is_needed(missing: Array) -> Mask:
 
 LOOP_HIGH, LOOP_LOW = 0.95, 0.85
 """A zone sends one request from the upper share of its full flow until it falls below the lower one."""
-WARM, HOT = 2.0, 3.0
-"""Excess temperatures at which a zone sends two and three requests, K."""
+WARM, HOT = 2.0, 3.0  # excess temperatures at which a zone sends two and three requests, K
 
 
 def zone_loads(mean: Array, spread: float, noise: Array) -> Array:

@@ -9,9 +9,15 @@ from fastcoil.base.arguments import checking, choice_of, plain, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
 from fastcoil.base.machine import available_memory, gib
-from fastcoil.loops.boundary.conditions import condition_of, several_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.series import BOUNDARY_SERIES, LARGEST_DAY_LABEL, Values
+from fastcoil.loops.boundary.series import (
+    BOUNDARY_SERIES,
+    LARGEST_DAY_LABEL,
+    Values,
+    condition_of,
+    several_of,
+    whole_seconds,
+)
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_wet_bulb, mix
 from fastcoil.model.numerics.noise import low_pass
 
@@ -48,12 +54,9 @@ def smooth(white: Array, drift: Drift) -> Array:
     return np.asarray(white[10 * drift.tau :] * (drift.std / stationary_std))
 
 
-# -------------------------------------------------------------------------------------------- the paper's day
-
 SET_POINTS = (14.0, 13.0, 15.0, 14.0, 12.5, 13.5, 15.5, 14.5, 13.0, 12.0, 14.0, 16.0, 15.0, 13.5, 12.5, 14.0)
 """Set-points of `paper_day`, degC, each held for `SET_POINT_HOLD`, repeated."""
-SET_POINT_HOLD = 1800
-"""Seconds."""
+SET_POINT_HOLD = 1800  # s
 
 DRIFTS = {
     "m_a": Drift(0.015, 60),
@@ -108,7 +111,6 @@ def _basis_of(
 
 
 def _stepped_set_point(n_steps: int) -> Array:
-    """The set-points of `SET_POINTS` one after the other [degC], (n_steps,)."""
     return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
 
 
@@ -128,9 +130,6 @@ def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
     if len(set(seeds)) < max(len(seeds), 1):
         raise InputError(f"seed {'has a number twice' if seeds else 'is empty'}: {wanted}")
     return seeds
-
-
-# --------------------------------------------------------------------------------------------- a constant day
 
 
 def constant_day(
@@ -174,8 +173,6 @@ def constant_day(
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=T_set, noise=noise)
 
 
-# ----------------------------------------------------------------------------------------------- a design day
-
 # fmt: off
 RANGE_FRACTIONS = (
     0.88, 0.92, 0.95, 0.98, 1.00, 0.98, 0.91, 0.74, 0.55, 0.38, 0.23, 0.13,
@@ -210,8 +207,7 @@ Cooling: 0.4 % dry bulb, mean coincident wet bulb, daily range of the hottest mo
 bulb, all day, as is the convention for sizing.  Return air, water and set-points are usual values, not
 published ones.
 """
-DESIGN_PRESSURE = 98934.0
-"""Standard pressure at the station, 201 m, Pa."""
+DESIGN_PRESSURE = 98934.0  # Pa, the standard one at the station, 201 m
 
 
 def design_day(
@@ -277,10 +273,8 @@ def design_day(
     return Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=d.T_w_in, T_set=d.T_set)
 
 
-WARMER = 11.0
-"""Set-points above those of `paper_day`, K."""
-W_IN = 0.0035
-"""Humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is."""
+WARMER = 11.0  # set-points above those of `paper_day`, K
+W_IN = 0.0035  # humidity ratio of the mixed air of a winter day, kg/kg; a heating coil stays dry whatever it is
 HEATING_DRIFTS = {"m_a": Drift(0.015, 60), "T_a_in": Drift(0.20, 120), "T_w_in": Drift(0.3, 300)}
 """Noise of `heating_day`.  The order numbers the random streams: add at the end only."""
 

@@ -17,7 +17,6 @@ from fastcoil.logs import read_log, warn_of_reading
 from fastcoil.logs.columns import Wanted, checked_reading
 from fastcoil.logs.pieces import at_seconds, require_span, require_whole_seconds
 from fastcoil.logs.series import HUMIDITIES
-from fastcoil.loops.boundary.conditions import condition_of, whole_seconds
 from fastcoil.loops.boundary.samples import (
     Maker,
     Samples,
@@ -33,10 +32,12 @@ from fastcoil.loops.boundary.series import (
     Clock,
     Values,
     clock_of,
+    condition_of,
     label_array,
     read_series,
     series_of,
     warn_of_stops,
+    whole_seconds,
 )
 from fastcoil.loops.labelled import Course
 from fastcoil.loops.labels import unit_in_words
@@ -103,9 +104,7 @@ class Boundary(Samples):
         clock = Clock()
         with collecting(problems):
             clock = clock_of(start, time_zone, labels, n_steps or 0, course)
-        if problems:
-            # Series that share a coordinate share its mistakes.
-            raise InputError(list(dict.fromkeys(problems)))
+        refuse(list(dict.fromkeys(problems)))  # series that share a coordinate share its mistakes
         whole, stopped = series_of(given, labels.size, n_steps or 0, by_air=enabled is None)
         warn_of_stops(stopped)
         ds = dataset_of(whole, labels, n_steps or 0, clock)

@@ -29,10 +29,8 @@ from fastcoil.loops.boundary.series import (
 from fastcoil.loops.labelled import Course
 from fastcoil.model.moist_air import MASS_RATIO, liquid_pressure
 
-Made = Mapping[str, Any]
-"""Series of a day by name, as a user gives them."""
-Maker = Callable[[int], Made]
-"""Makes a day from its position."""
+Made = Mapping[str, Any]  # series of a day by name, as a user gives them
+Maker = Callable[[int], Made]  # makes a day from its position
 LARGE = 2**22
 """Samples of a series.  A larger boundary is hashed day by day, so that a stream needs no memory; a smaller one series
 by series."""
@@ -274,7 +272,6 @@ def variables_of(series: Mapping[str, Array]) -> dict[str, xr.Variable]:
     return found
 
 
-# ---------------------------------------------------------------------------------- makers of days, and digests
 # Makers are partial functions, not closures: they are sent to other processes.
 
 

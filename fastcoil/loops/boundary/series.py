@@ -1,30 +1,33 @@
-"""What a user gives of a boundary, its series and the clock of its days, and the checks of it; all labels must agree.
+"""What a user gives of a boundary, its series, the clock of its days and numbers that describe a day, and the checks.
 
-A loop without air flow is not in operation: its seconds count in no metric, and a warning says so.
+All labels must agree.  A loop without air flow is not in operation: its seconds count in no
+metric, and a warning says so.
 """
 
+import math
 import re
 import warnings
 import zoneinfo
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime, timedelta
+from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastcoil.base.arguments import array_of, collecting, refuse, text_of
+from fastcoil.base.arguments import array_of, collecting, plain, refuse, text_of, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.logs.series import COLUMNS, Series
 from fastcoil.logs.timestamps import offset_text, zone_named
 from fastcoil.loops.labelled import Course, as_labelled, course_of, differing, in_our_unit
+from fastcoil.model.parameter_table import PARAMETERS, Parameter
 
 Values: TypeAlias = Any
 """A series as a user gives it: a number, array-like or DataArray; checked at run time."""
 
-ADDED_SERIES = ("backlash_scale",)
-"""Series that count in a digest only where they do something."""
+ADDED_SERIES = ("backlash_scale",)  # they count in a digest only where they do something
 _NAMES = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set", "noise", "enabled", *ADDED_SERIES)
 BOUNDARY_SERIES = {name: COLUMNS[name] for name in _NAMES}
 """Every series of a `Boundary` by name."""
@@ -142,7 +145,6 @@ def label_array(day: Values, problems: list[str]) -> NDArray[Any] | None:
 
 
 def _read(series: Series, value: Values) -> Given:
-    """``value`` as numbers in our unit, with its dims."""
     if value is None:
         if series.default is None:
             raise InputError(f"{series.name} is missing: give the {series.long_name} ({series.known_units})")
@@ -184,9 +186,7 @@ def _value_problems(series: Series, given: Given, labels: NDArray[Any]) -> list[
 Times: TypeAlias = NDArray[np.datetime64]
 
 SECONDS = np.dtype("datetime64[s]")
-DAY = np.timedelta64(86400, "s")
-YEARS = (1700, 2200)
-"""Every file of results can hold the dates between."""
+YEARS = (1700, 2200)  # every file of results can hold the dates between
 _CURE = "give a date and time such as '2024-07-01T08:00', one for each day or one for the first"
 _ZONE_CURE = "give a name such as 'America/Los_Angeles', or an offset such as 'UTC-08:00'"
 _OFFSET = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d", re.ASCII)
@@ -224,11 +224,6 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
     zone = _zone_of(times, next(iter(named.values()), ""))
-    refuse([
-        f"start = {shown(str(time))}: clocks of {zone} are put forward over that time: give one that they show"
-        for time in times
-        if time.tzinfo is None and _is_skipped(time, zone)
-    ])  # fmt: skip
     found = _to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
     if carried.start is not None:
         both = {"start": found, "the first sample": _to_seconds(np.atleast_1d(carried.start))}
@@ -236,7 +231,7 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
     if len(times) < day.size:
         if n_steps > 86400:
             raise InputError(f"start = {shown(start)}: days of {n_steps / 3600:g} h overlap, give one start for each")
-        found = found[0] + np.arange(day.size) * DAY
+        found = found[0] + np.arange(day.size) * np.timedelta64(86400, "s")
     return Clock(found, zone)
 
 
@@ -250,12 +245,6 @@ def time_zone_of(name: str, value: Any) -> str:
     if not text or _OFFSET.fullmatch(text) or text in (known := zoneinfo.available_timezones()):
         return text
     raise InputError(f"{name} = {shown(text)}{nearest(text, known)}: {_ZONE_CURE}")
-
-
-def _is_skipped(local: datetime, time_zone: str) -> bool:
-    """Whether clocks of the zone never show a local time."""
-    zone = zone_named(time_zone or "UTC")
-    return local.replace(tzinfo=zone).astimezone(UTC).astimezone(zone).replace(tzinfo=None) != local
 
 
 def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
@@ -288,8 +277,6 @@ def _zone_of(times: list[datetime], zone: str) -> str:
     offsets = {time.utcoffset() for time in times}
     if offsets == {None}:
         return zone
-    if None in offsets:
-        raise InputError("start: some times have a UTC offset and some have none: write all alike")
     for time in times if zone else []:
         if time.replace(tzinfo=zone_named(zone)).utcoffset() != time.utcoffset():
             raise InputError(
@@ -299,5 +286,70 @@ def _zone_of(times: list[datetime], zone: str) -> str:
     if zone or (len(names) == 1 and None not in names):
         return zone or time_zone_of("the time zone of start", names.pop())
     if len(offsets) > 1:
-        raise InputError("start has times of different UTC offsets: give local times, and time_zone")
+        raise InputError("start has times of different UTC offsets, or some without: give local times, and time_zone")
     return offset_text(round(cast(timedelta, offsets.pop()).total_seconds() / 60))
+
+
+_BOUNDS: tuple[tuple[str, str, float, float], ...] = (
+    ("relative_humidity outdoor_fraction RH_return internal_load zone_spread", "1", 0.0, 1.0),
+    ("W_return", "1", 0.0, 0.1),
+    ("disturbances", "1", 0.0, 10.0),
+    ("T_a_in T_design T_balance economiser_limit", "degC", -40.0, 60.0),
+    ("T_out_min T_out_max T_out_w_min T_out_w_max", "degC", -40.0, 60.0),
+    ("T_wet_bulb", "degC", -40.0, 40.0),
+    ("T_return", "degC", -20.0, 60.0),
+    ("T_set T_set_min T_set_max", "degC", 0.0, 60.0),
+    ("T_w_in T_w_min T_w_max", "degC", 0.5, 95.0),
+    ("T_daily_range", "K", 0.0, 40.0),
+    ("trim respond respond_max", "K", 0.0, 10.0),
+    ("start_hour", "h", 0.0, 24.0),
+    ("start", "h", 0.0, 8784.0),
+    ("hours", "h", 0.0, 8760.0),
+    ("m_a_design m_a_min outdoor_air_min", "kg s-1", 0.0, math.inf),
+)
+_ABOVE_0 = ("hours", "m_a_design", "m_a_min")
+CONDITIONS = {
+    name: Parameter(name, "boundary", unit, None, "", least, most, open_lower=name in _ABOVE_0)
+    for names, unit, least, most in _BOUNDS
+    for name in names.split()
+} | {"pressure": PARAMETERS["pressure"]}
+"""The numbers that describe a day, each with its unit and bounds."""
+_MOST_DAYS = 366
+_MOST_ITEMS = 1_000_000
+
+
+def condition_of(name: str, value: Any) -> Any:
+    """A number that describes a day, within its bounds."""
+    number = plain(value)
+    if problem := CONDITIONS[name].problem(number):
+        raise InputError(problem)
+    return number
+
+
+def whole_seconds(hours: float | None) -> int:
+    """``hours`` in seconds, or an `InputError` if they are not a whole number of them."""
+    hours = float(condition_of("hours", hours))
+    seconds = round(hours * 3600)
+    if abs(hours * 3600 - seconds) > 1e-6 or seconds < 1:
+        raise InputError(f"hours = {hours:g}: give a whole number of seconds (n / 3600)")
+    return seconds
+
+
+def several_of(name: str, value: object, cure: str) -> list[object]:
+    """The items of an iterable of at most ``_MOST_ITEMS``."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
+    items = list(islice(value, _MOST_ITEMS + 1))
+    if len(items) > _MOST_ITEMS:
+        raise InputError(f"{name} has more than {_MOST_ITEMS:,} items: give fewer")
+    return items
+
+
+def days_of(name: str, value: object) -> list[int]:
+    """Days of the year."""
+    whole = f"give whole numbers from 1 to {_MOST_DAYS}"
+    several = several_of(name, value, "give a list of days of the year")
+    days = [whole_of(name, one, 1, _MOST_DAYS, whole) for one in several]
+    if not days or len(set(days)) < len(days):
+        raise InputError(f"{name} {'has a day twice' if days else 'is empty'}: give each day once")
+    return days

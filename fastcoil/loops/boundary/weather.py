@@ -8,13 +8,12 @@ outdoor temperatures of 16 and 21 degC (60 and 70 degF); trim and respond from 1
 The rest are guesses.
 """
 
-import re
 from calendar import isleap
 from collections.abc import Mapping, Sequence
-from datetime import date, timedelta
+from datetime import date, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,35 +23,28 @@ from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import require_mappings
 from fastcoil.logs.plausibility import above_saturation
 from fastcoil.loops.boundary.air_handler import chosen_settings, outdoors_of, series_of_day, settings_of
-from fastcoil.loops.boundary.conditions import condition_of, days_of, several_of, whole_seconds
 from fastcoil.loops.boundary.record import Boundary
-from fastcoil.loops.boundary.series import Values
+from fastcoil.loops.boundary.series import Values, condition_of, days_of, several_of, whole_seconds
 from fastcoil.loops.boundary.weather_files import MOST_APART, Weather, read_weather, warn_of_hours
 from fastcoil.model.moist_air import humidity_ratio, mix
 
 _FIRST_YEAR, _LAST_YEAR = 1970, 2199
-MonthDay: TypeAlias = tuple[int, int]
 
 
 def _require_leap_year(year: int, weather: Weather, file: str) -> None:
-    """Refuse a year that has a 29 February where the file has none, and the other way round."""
-    hours, series = weather.series["hour_of_year"], weather.series
-    leap = bool(hours[-1] > 8760)
-    if "month" in series and "day" in series:
-        leap = leap or bool(((series["month"] == 2) & (series["day"] == 29)).any())
+    s = weather.series
+    leap = bool(s["hour_of_year"][-1] > 8760)
+    if {"month", "day"} <= s.keys():
+        leap = leap or bool(((s["month"] == 2) & (s["day"] == 29)).any())
     if isleap(year) != leap:
         has, other = ("a", "a leap year") if leap else ("no", "a year that is no leap year")
         raise InputError(f"year = {year}: {file} has {has} 29 February, give {other}")
 
 
-def _labels_between(first: MonthDay | None, last: MonthDay | None, available: range, year: int) -> list[int]:
+def _labels_between(first: date | None, last: date | None, available: range, year: int) -> list[int]:
     """Days of the year from a date to another, across the end of the year if the last one comes first."""
-    if not isleap(year):
-        for name, month_day in (("first_date", first), ("last_date", last)):
-            if month_day == (2, 29):
-                raise InputError(f"{name} = 02-29: the weather has no 29 February, give another day")
-    low = date(year, *first).timetuple().tm_yday if first else available[0]
-    high = date(year, *last).timetuple().tm_yday if last else available[-1]
+    low = first.timetuple().tm_yday if first else available[0]
+    high = last.timetuple().tm_yday if last else available[-1]
     return list(range(low, high + 1)) if low <= high else [*range(low, 366 + isleap(year)), *range(1, high + 1)]
 
 
@@ -69,21 +61,18 @@ def _dates_of(labels: Sequence[int], first_year: int) -> list[date]:
     return found
 
 
-def _month_day_of(name: str, value: object) -> MonthDay:
-    """Month and day of a text such as ``06-15``."""
+def _date_of(name: str, value: object, year: int) -> date:
+    """The date in a year of a text such as ``06-15``."""
     text = text_of(name, value)
-    match = re.fullmatch(r"(\d\d?)-(\d\d?)", text.strip(), re.ASCII)
     try:
-        found = date(2000, int(match[1]), int(match[2])) if match else None
+        return datetime.strptime(f"{year}-{text.strip()}", "%Y-%m-%d").date()
     except ValueError:
-        found = None
-    if found is None:
-        raise InputError(f"{name} = {shown(text)}: give month and day, such as 06-15")
-    return found.month, found.day
+        raise InputError(f"{name} = {shown(text)}: give month and day of {year}, such as 06-15") from None
 
 
-def _month_days_of(name: str, value: object) -> set[MonthDay]:
-    return {_month_day_of(name, one) for one in several_of(name, value, "give a list such as 01-01, 12-25")}
+def _holidays_of(name: str, value: object, year: int) -> set[tuple[int, int]]:
+    found = [_date_of(name, one, year) for one in several_of(name, value, "give a list such as 01-01, 12-25")]
+    return {(day.month, day.day) for day in found}
 
 
 def _hours_of(name: str, value: object) -> tuple[float, float]:
@@ -205,13 +194,13 @@ def weather_year(
         check(require_mappings, columns=columns, units=units)
         pressure = check.unless_none(condition_of, "pressure", pressure)
         years = f"give a year from {_FIRST_YEAR} to {_LAST_YEAR}"
-        year = check(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years)
+        year = check(whole_of, "year", year, _FIRST_YEAR, _LAST_YEAR, years) or 2000  # refused below
         labels = check.unless_none(days_of, "days", days)
-        first = check.unless_none(_month_day_of, "first_date", first_date)
-        last = check.unless_none(_month_day_of, "last_date", last_date)
+        first = check.unless_none(_date_of, "first_date", first_date, year)
+        last = check.unless_none(_date_of, "last_date", last_date, year)
         weekday = check(_hours_of, "fan_hours", fan_hours)
         weekend = check.unless_none(_hours_of, "weekend_fan_hours", weekend_fan_hours)
-        free = check.unless_none(_month_days_of, "holidays", holidays) or set()
+        free = check.unless_none(_holidays_of, "holidays", holidays, year) or set()
         chosen = check(chosen_settings, given)
         if days is not None and not (first_date is None and last_date is None):
             check.problems.append("days and first_date, last_date are both given: give one of them")
@@ -222,11 +211,9 @@ def weather_year(
         labels = _labels_between(first, last, outdoors.days, year) if first or last else list(outdoors.days)
     dates = _dates_of(labels, year)
     if absent := [label for label in labels if label not in outdoors.days]:
+        whole = f"{path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year"
         more = f" ({len(absent)} days in total)" if len(absent) > 1 else ""
-        raise InputError(
-            f"days: {path.name} holds the whole days {outdoors.days[0]} to {outdoors.days[-1]} of the year, not "
-            f"{absent[0]}{more}: choose among them"
-        )
+        raise InputError(f"days: {whole}, not {absent[0]}{more}: choose among them")
     fan = {
         label: weekend if date.weekday() >= 5 or (date.month, date.day) in free else weekday
         for label, date in zip(labels, dates, strict=True)

@@ -27,8 +27,6 @@ from fastcoil.logs.timestamps import offset_text
 from fastcoil.loops.boundary.series import YEARS, Times
 from fastcoil.model.moist_air import humidity_ratio, humidity_ratio_from_dew_point
 
-STANDARD_PRESSURE = 101325.0
-"""At sea level, Pa."""
 MOST_APART = 48.0  # h from noon of a date to its hour of the year, in years with and without the 29th of February
 _LARGEST = 2**28  # bytes; a year by minutes has half as many
 
@@ -52,19 +50,18 @@ class Weather(NamedTuple):
     """Content of a weather file.
 
     series: by the names of `WEATHER_COLUMNS`, in our units, each (n_rows,); also ``year`` if all rows have one.
-    minutes: from row to row.  notes: how it was read.  site, time_zone: where it was measured, and standard
-    time such as ``UTC-08:00``; blank if the file does not say.
+    minutes: from row to row.  notes: how it was read.  time_zone: standard time such as ``UTC-08:00``; blank if the
+    file does not say.
     """
 
     series: dict[str, Array]
     minutes: int
     notes: list[str]
-    site: str = ""
     time_zone: str = ""
 
     def pressure(self, given: float | None) -> Array | float:
         """The pressure that was given, else that of the rows, (n_rows,), else that at sea level [Pa]."""
-        return self.series.get("p", STANDARD_PRESSURE) if given is None else given
+        return self.series.get("p", 101325.0) if given is None else given
 
     def humidity(self, pressure: Array | float) -> Array:
         """Humidity ratio of the rows, (n_rows,), from the dew point if there is one, at ``pressure`` [Pa]."""
@@ -116,15 +113,10 @@ def read_weather(
 
 def warn_of_hours(weather: Weather) -> None:
     """Warn of what straight lines between the rows cannot show."""
-    often, step = (
-        ("hourly", "an hour") if weather.minutes == 60 else (f"{weather.minutes}-min", f"{weather.minutes} min")
-    )
-    site = f" of {shown(weather.site)}" if weather.site else ""
-    warnings.warn(
-        f"{often} weather{site} is interpolated to 1 s: it says nothing about disturbances faster than {step}",
-        UserWarning,
-        stacklevel=3,
-    )
+    m = weather.minutes
+    often, step = ("hourly", "an hour") if m == 60 else (f"{m}-min", f"{m} min")
+    words = f"{often} weather is interpolated to 1 s: it says nothing about disturbances faster than {step}"
+    warnings.warn(words, UserWarning, stacklevel=3)
 
 
 def _read_csv(path: Path, columns: Mapping[str, str] | None, units: Mapping[str, str] | None) -> Weather:
@@ -185,9 +177,6 @@ def _require_plausible(table: Table, series: Mapping[str, Array]) -> None:
     table.stop_if_wrong()
 
 
-# ---------------------------------------------------------------------------------------------------- EPW and TMY3
-
-
 class Field(NamedTuple):
     """A field of a format.
 
@@ -209,7 +198,7 @@ class Field(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Where a file has what; site and time_zone as of `Weather`.
+    """Where a file has what; time_zone as of `Weather`.
 
     n_top: lines above the rows.  date: cells of month, day and hour, as ``clock`` matches them when they are joined by
     blanks.
@@ -221,7 +210,6 @@ class Layout(NamedTuple):
     date: Sequence[int]
     clock: str
     fields: Mapping[str, Field]
-    site: str
     time_zone: str
 
 
@@ -252,11 +240,9 @@ def _epw_layout(file: str, lines: Sequence[str]) -> Layout:
             f"{file} begins as an EPW file, but its line DATA PERIODS has {shown(records)} records per hour: give all "
             "eight lines of its header, with 1 or another number that divides 60"
         )
-    place = lines[0].split(",")
-    return Layout(
-        "an EPW file", n_top, per_hour, (1, 2, 3), r"\s*(\d\d?)\s+(\d\d?)\s+(\d\d?)\s*", _EPW_FIELDS,
-        _site(place[1:4]), _time_zone(place[8:9]),
-    )  # fmt: skip
+    clock = r"\s*(\d\d?)\s+(\d\d?)\s+(\d\d?)\s*"
+    zone = _time_zone(lines[0].split(",")[8:9])
+    return Layout("an EPW file", n_top, per_hour, (1, 2, 3), clock, _EPW_FIELDS, zone)
 
 
 def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
@@ -269,12 +255,7 @@ def _tmy3_layout(file: str, lines: Sequence[str]) -> Layout:
     }
     place = next(csv.reader(lines[:1]))
     clock = r"\s*(\d\d?)/(\d\d?)/\d{2,4}\s+(\d\d?):00\s*"
-    return Layout("a TMY3 file", 2, 1, (0, 1), clock, fields, _site(place[1:3]), _time_zone(place[3:4]))
-
-
-def _site(words: Sequence[str]) -> str:
-    """A place, without the parts that are blank or a dash."""
-    return ", ".join(word.strip() for word in words if word.strip(" -"))
+    return Layout("a TMY3 file", 2, 1, (0, 1), clock, fields, _time_zone(place[3:4]))
 
 
 def _time_zone(cells: Sequence[str]) -> str:
@@ -285,7 +266,6 @@ def _time_zone(cells: Sequence[str]) -> str:
 
 
 def _read_year(file: str, lines: Sequence[str], layout: Layout, fields: Mapping[str, Field]) -> Weather:
-    """An EPW or TMY3 file."""
     width = 1 + max(*layout.date, *(field.cell for field in fields.values()))
     rows = {i: line.split(",", width)[:width] for i, line in enumerate(lines, 1) if i > layout.n_top and line.strip()}
     for i, row in rows.items():
@@ -310,8 +290,7 @@ def _read_year(file: str, lines: Sequence[str], layout: Layout, fields: Mapping[
         for name in used
     }
     _require_plausible(table, series)
-    minutes = 60 // layout.per_hour
-    return Weather(times | series, minutes, table.notes, layout.site, layout.time_zone)
+    return Weather(times | series, 60 // layout.per_hour, table.notes, layout.time_zone)
 
 
 def _times_of(table: Table, layout: Layout, written: Sequence[str]) -> dict[str, Array]:

@@ -166,7 +166,6 @@ def _valve_of_several_tables(file: StudyFile) -> set[str]:
 
 
 def _case_names(cases: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Every parameter that one of the cases gives."""
     return list(dict.fromkeys(name for case in cases.values() for name in case))
 
 

@@ -104,8 +104,7 @@ def find_rules(file: StudyFile, folder: Path) -> tuple[StudyFile, dict[str, Sour
             continue
         with collecting(problems, f"{kind} = {word!r}: "):
             rules[name] = declared(kind, name, source)
-    if problems:
-        raise InputError(list(dict.fromkeys(problems)))
+    refuse(list(dict.fromkeys(problems)))
     return file.model_copy(update=update), sources, rules
 
 
@@ -204,8 +203,7 @@ def its_errors(what: str) -> Iterator[None]:
         raise InputError(f"{what} {type(error).__name__}: {text}".removesuffix(": ")) from error
 
 
-SCENARIO = "scenario"
-"""The dimension along which the function gets the traces of a shard."""
+SCENARIO = "scenario"  # the dimension along which the function gets the traces of a shard
 _TAKEN = {*PARAMETERS, *METRICS, *PREDICTIONS, *TRACES, *netcdf.CLOCK, "status", SCENARIO}
 _TAKEN_NAMES = _TAKEN | set(RESERVED_DIMS)
 _TAKEN_DIMS = _TAKEN | {"day", "replicate", "sample"}
@@ -272,10 +270,8 @@ def _problems(found: Any, traces: xr.Dataset) -> Iterable[str]:
     for name, array in found.data_vars.items():
         if name in _TAKEN_NAMES | taken:
             yield f"a variable {name}: the name is taken, choose another"
-        if SCENARIO not in array.dims:
-            yield f"{name} without the dim {SCENARIO!r}: give one value, or more, for each scenario"
-        elif array.sizes[SCENARIO] != traces.sizes[SCENARIO]:
-            yield f"{name} for {array.sizes[SCENARIO]} of {traces.sizes[SCENARIO]} scenarios: keep every one of them"
+        if array.sizes.get(SCENARIO) != traces.sizes[SCENARIO]:
+            yield f"{name} with sizes {dict(array.sizes)}: keep the dim {SCENARIO!r} with all of its scenarios"
         if array.dtype.kind not in "biu" and array.dtype not in _FLOATS:
             yield f"{name} of type {array.dtype}: return numbers (float64, float32 or integers) or booleans"
     for dim in _dims(found):

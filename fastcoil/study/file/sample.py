@@ -18,8 +18,9 @@ from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.readings import read_numbers
-from fastcoil.logs.series import DIFFERENCE, FRACTION, PRESSURE, TEMPERATURE, TIME, WATER_FLOW, Series
+from fastcoil.logs.series import Series
 from fastcoil.logs.table import Table
+from fastcoil.loops.labelled import units_of
 from fastcoil.loops.netcdf import file_sha256
 from fastcoil.loops.plan import RUN_LIMITS
 from fastcoil.model.parameter_table import PARAMETERS, Parameter
@@ -49,8 +50,7 @@ _CUT = ("normal", "lognormal")  # without their ends they are cut at the bounds 
 CHOICE, FIT, CSV = "choice", "fit", "csv"
 KINDS = (*DISTRIBUTIONS, CHOICE, FIT, CSV)
 
-Quantiles = Callable[[Array], Array]
-"""Values below which the shares of a distribution lie."""
+Quantiles = Callable[[Array], Array]  # values below which the shares of a distribution lie
 
 
 def sample(
@@ -131,7 +131,7 @@ def files_of(table: Mapping[str, Any] | None) -> Iterator[str]:
     """The files that ``[sample]`` names."""
     for name in sampled_names(table):
         shape = (table or {})[name]
-        files = [shape[kind] for kind in (CSV, FIT) if kind in shape] if isinstance(shape, dict) else []
+        files = [shape.get(kind) for kind in (CSV, FIT)] if isinstance(shape, dict) else []
         yield from (file for file in files if isinstance(file, str))
 
 
@@ -149,9 +149,6 @@ def _points(method: str, size: int, dims: int, seed: int, batch: int = 0) -> Arr
 
     sampler = qmc.Sobol if method in POWERS_OF_TWO else qmc.LatinHypercube
     return np.asarray(sampler(dims, rng=rng).random(size))
-
-
-# --- checked ----------------------------------------------------------------------------------------------------------
 
 
 def _checked(table: Mapping[str, Any], known: Mapping[str, Parameter], folder: Path) -> dict[str, Quantiles]:
@@ -259,11 +256,6 @@ def _ppf(kind: str, of: Mapping[str, float], share: Array) -> Any:
         return frozen.ppf(share)
 
 
-# --- measured ---------------------------------------------------------------------------------------------------------
-
-_UNITS = {next(iter(units)): units for units in (FRACTION, TIME, DIFFERENCE, TEMPERATURE, PRESSURE)}
-_UNITS["kg s-1"] = WATER_FLOW
-"""Units that a column may have, by the unit of the parameter."""
 _FITTED = "a file that `fastcoil fit` or `fastcoil valve-test read` wrote"
 _LARGEST_FILE = 2**20  # bytes
 _TO_EDGE = 1.959963984540054  # standard deviations from the median to the ends of a 95 % interval
@@ -279,9 +271,8 @@ def _measured(parameter: Parameter, file: object, column: object, folder: Path) 
         raise InputError(
             f"{file} has no column {shown(column)}{nearest(column, table.header)}: give one of its headers"
         )
-    units = _UNITS.get(parameter.unit, {parameter.unit: (1.0, 0.0)})
     of_header = None if table.declared_units(place) else parameter.unit
-    values = read_numbers(table, Series(parameter.name, parameter.text, units), place, of_header)
+    values = read_numbers(table, Series(parameter.name, parameter.text, units_of(parameter.unit)), place, of_header)
     table.stop_if_wrong()
     refuse([problem for value in values.tolist() if (problem := parameter.problem(value))])
     return np.sort(values)
@@ -328,9 +319,6 @@ def _posterior(sizes: Array, probability: Array) -> Quantiles:
     edges = np.concatenate([sizes[:1], 0.5 * (sizes[1:] + sizes[:-1]), sizes[-1:]])
     below = np.concatenate([[0.0], np.cumsum(probability)]) / probability.sum()
     return lambda share: np.interp(share, below, edges)
-
-
-# --- correlated -------------------------------------------------------------------------------------------------------
 
 
 _LEAST_EIGENVALUE = 1e-9

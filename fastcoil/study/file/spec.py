@@ -49,8 +49,6 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "weather": weather_day,
     "weather_year": weather_year,
 }
-
-
 _BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
 """Metrics and status: the result, its image on the way to disk, a copy while it is put together."""
 
@@ -58,19 +56,12 @@ _BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
     """Build the boundary of a study; ``paper_day`` of 8 h with seed 1 where the table is absent."""
     arguments = dict(table)
-    kind = arguments.pop("kind", "paper_day")
-    if not isinstance(kind, str) or kind not in BOUNDARY_KINDS:
-        known = ", ".join(BOUNDARY_KINDS)
-        hint = nearest(str(kind), BOUNDARY_KINDS)
-        raise InputError(f"[boundary] kind = {shown(kind)}: unknown{hint}; choose one of {known}")
+    kind = choice_of("kind", arguments.pop("kind", "paper_day"), BOUNDARY_KINDS)
     make = BOUNDARY_KINDS[kind]
-    problems = wrong_arguments(kind, arguments, inspect.signature(make).parameters)
+    refuse(wrong_arguments(kind, arguments, inspect.signature(make).parameters))
     if "path" in arguments:
         arguments["path"] = folder / str(arguments["path"])
-    if not problems:
-        with collecting(problems):
-            return make(**arguments)
-    raise InputError([f"[boundary] {problem}" for problem in problems])
+    return make(**arguments)
 
 
 def wrong_arguments(what: str, given: Mapping[str, Any], takes: Mapping[str, inspect.Parameter]) -> list[str]:
@@ -97,18 +88,14 @@ def billing_of(table: Mapping[str, Any], layout: Layout | None) -> Billing:
     tariff, baseline = tariff_of(table), table.get("baseline", {})
     if not isinstance(baseline, dict) or len(baseline) > 1:
         raise InputError(f"baseline = {shown(baseline)}: give one dimension and one of its labels")
-    problems: list[str] = []
     if layout is not None:
-        problems = [
-            f"the costs also have a dimension or number {dim}: rename it" for dim in layout.sizes if dim in TAKEN
-        ]
-        problems += _baseline_problems(baseline, layout)
-    refuse(problems)
+        taken = [dim for dim in layout.sizes if dim in TAKEN]
+        problems = [f"the costs also have a dimension or number {dim}: rename it" for dim in taken]
+        refuse([*problems, *_baseline_problems(baseline, layout)])
     return Billing(tariff, baseline)
 
 
 def _baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[str]:
-    """A sentence for each dim and label of a baseline that the loops of a study do not have."""
     dims = [name for name in layout.loop.sizes if name != SAMPLE_DIM]
     for dim, label in baseline.items():
         if dim not in dims:
@@ -144,10 +131,10 @@ def asked_of_tuning(table: Mapping[str, Any], run: RunTable, loop: Loop, boundar
         raise InputError("every day is tried alone: leave [run] carry_over out, or tune in a study of its own")
     holdout = table.get("holdout")
     if isinstance(holdout, dict):
-        try:
+        problems: list[str] = []
+        with collecting(problems, "holdout: "):
             holdout = build_boundary(holdout, folder)
-        except InputError as error:
-            raise InputError([f"holdout: {p.removeprefix('[boundary] ')}" for p in error.problems]) from None
+        refuse(problems)
     how = run.model_dump(include={"warm_up", "seed", "replicates"})
     keywords = inspect.signature(plan_tuning).parameters.items()
     takes = {name: p for name, p in keywords if p.kind is p.KEYWORD_ONLY and name not in how}
@@ -158,7 +145,6 @@ def asked_of_tuning(table: Mapping[str, Any], run: RunTable, loop: Loop, boundar
 LARGEST_FILE = 2**20  # bytes; no study written by hand is larger
 Made = TypeVar("Made")
 _NOT_DECISIVE = ("title", "question", "tune", "tariff")  # tables on which no scenario depends
-_LONGEST_NAME = 200  # characters of a path that an advice repeats
 
 
 @dataclass(frozen=True)
@@ -242,8 +228,7 @@ def read_study(
     study's own code, called with the word that names it (``reduce``, ``estimator`` or ``law``) and its source, so that
     its mistakes are reported with the others; by default nothing does: reading a study runs none of its code.
     """
-    what = "a study file, or make one with `fastcoil init" + (f" {path}`" if len(str(path)) < _LONGEST_NAME else "`")
-    text = read_text(path, what, LARGEST_FILE).replace("\r\n", "\n")
+    text = read_text(path, f"a study file, or make one with `fastcoil init {path}`", LARGEST_FILE).replace("\r\n", "\n")
     tables = parse_toml(text, str(path))
     try:
         return _study(text, tables, path.stem, path.parent if folder is None else folder, prepare)
@@ -278,7 +263,7 @@ def _study(
     loop = attempt(build_loop, file, included, rules, folder, batches)
     if loop is not None:
         require_room(file, loop)
-    boundary = attempt(build_boundary, file.boundary, folder)
+    boundary = attempt(build_boundary, file.boundary, folder, prefix="[boundary] ")
     plan = tuning = billing = reduction = None
     if loop is not None and boundary is not None:
         options = run.model_dump(exclude={"reduce", "predict", "precision"})

@@ -173,7 +173,6 @@ _CURES = {
 
 
 def _sentences(error: ValidationError) -> Iterator[str]:
-    """A sentence for each mistake in the shape of the file: place, value, cure."""
     details = error.errors()
     unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
     for table, model in _MODELS.items():

@@ -102,7 +102,7 @@ def test_what_a_controller_does_not_need_is_left_out(tmp_path):
     ("values", "path", "language", "words"),
     [
         ({"kp": [0.01, 0.02]}, "valve.c", "c", "kp is swept: give it one value"),
-        ({**LEARNER, "sample_time": 7.0}, "valve.c", "c", "give 595 or 602"),
+        ({**LEARNER, "sample_time": 7.0}, "valve.c", "c", "give a multiple of sample_time, 7 s"),
         ({"estimator": "hagglund"}, "valve.c", "c", "plant_gain"),
         ({"estimator": "identify", "learning_step": 0.01}, "valve.c", "c", "learning_step belongs to"),
         ({}, "valve.c", "fortran", "choose 'c', 'st', 'python', 'fmu' or 'plcopen'"),

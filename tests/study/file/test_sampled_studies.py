@@ -115,7 +115,7 @@ MISTAKES = [
     (GOOD + "kp = { csv = 'none.csv', column = 'gap' }", "none.csv does not exist: give a CSV file"),
     (GOOD + "kp = { csv = 'gaps.csv', column = 'gpa' }", "gaps.csv has no column 'gpa', did you mean 'gap'?: give"),
     (GOOD + "kp = { csv = 'gaps.csv', column = 'gap' }", "kp = 'NaN' in row 3: give a number with a decimal point"),
-    (GOOD + "kp = { csv = 'gaps.csv', column = 'angle' }", "kp is in 'deg' (known units: K-1)"),
+    (GOOD + "kp = { csv = 'gaps.csv', column = 'angle' }", "kp is in 'deg' (known units: K-1, 1/K, %/K, percent/K)"),
     (GOOD + "backlash = { csv = 'gaps.csv', column = 'wide' }", "backlash = 3: must be from 0 to 0.9 (and 1 more of"),
     (GOOD + "action = { csv = 'gaps.csv', column = 'gap' }", "action is a word, use { choice = […] }"),
     (GOOD + "kp = { csv = 'empty.csv', column = 'gap' }", "empty.csv is empty: give a header row"),
