@@ -152,8 +152,9 @@ def run(scenarios: Arrays, series: Arrays, warm_up: int, threads: int = 1) -> Ar
 
 def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> Arrays:
     """Every metric of the common work that is not NaN or 0 by definition, each (n,)."""
-    seconds, settled = schedule.n_counted, schedule.n_settled
-    swing, heat = sums["SWING"] / schedule.n_windows, common.C_W
+    settled, windows = schedule.n_settled or np.nan, schedule.n_windows or np.nan  # a short day has none
+    seconds, swing, heat = schedule.n_counted, sums["SWING"] / windows, common.C_W
+    peak = sums["PEAK_POWER"] if schedule.n_peak_blocks else np.full(swing.size, np.nan)
     regular = (sums["PERIODS"] >= HUNTING_PERIODS) & (3.0 * sums["ALIKE"] >= 2.0 * sums["PERIODS"])
     return {
         "rmse": np.sqrt(sums["E2"] / seconds),
@@ -162,7 +163,7 @@ def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> A
         "share_off": sums["OFF"] / seconds,
         "hunting_swing": swing,
         "hunting_period": settled / np.where(sums["CROSSINGS"] >= 2.0, sums["CROSSINGS"], np.nan),
-        "hunts": np.where(regular & (swing > HUNTING_SWING), 1.0, 0.0),
+        "hunts": np.where(np.isnan(swing), np.nan, regular & (swing > HUNTING_SWING)),
         "switch_frequency": sums["SWITCHES"] / schedule.n_switch_blocks,
         "stem_travel": sums["STEM_TRAVEL"],
         "motor_travel": sums["MOTOR_TRAVEL"],
@@ -172,7 +173,7 @@ def metrics_of(sums: Arrays, scenarios: Arrays, schedule: metrics.Schedule) -> A
         "size_error": scenarios["estimate"] - scenarios["backlash"],
         "backlash_final": scenarios["backlash"],
         "coil_energy": heat * sums["POWER"] / 3600.0,
-        "coil_peak_power": heat * sums["PEAK_POWER"] / PEAK_BLOCK,
+        "coil_peak_power": heat * peak / PEAK_BLOCK,
         "reheat_energy": -common.CP_A * sums["BELOW"] / 3600.0,
         "recool_energy": common.CP_A * sums["ABOVE"] / 3600.0,
         "water_volume": heat / common.CP_W * sums["FLOW"] / 1000.0,
