@@ -101,9 +101,7 @@ def checked_reading(check: Checks, **given: Any) -> Reading:
     given["max_gap"] = check(max_gap_of, given["max_gap"])
     check(require_mappings, **{name: given[name] for name in _EXAMPLES if name in given})
     given["time_format"] = check.unless_none(time_format_of, "time_format", given["time_format"])
-    for name in ("units", "constants"):
-        if name in given and given[name] is None:
-            given[name] = {}
+    given |= {name: {} for name in ("units", "constants") if name in given and given[name] is None}
     return Reading(**given)
 
 

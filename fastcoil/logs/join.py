@@ -22,13 +22,12 @@ from fastcoil.logs.plausibility import looks_like, misread_units
 from fastcoil.logs.readings import left_out, read_columns
 from fastcoil.logs.series import COLUMNS, TIMES, counted, is_unit
 from fastcoil.logs.table import TURNED, Table, label_and_unit, letters_of
-from fastcoil.logs.timestamps import MICROSECONDS, Stamps, in_zone, offset_text
+from fastcoil.logs.timestamps import MICROSECONDS, MINUTE, SECOND, Stamps, in_zone, offset_text
 
 _NO_POINTS = ("elapsed_time", "batch")
 POINTS = [name for name in COLUMNS if name not in _NO_POINTS]
 """What a point may be."""
 _ROWS_LOOKED_AT = 1000  # A column without a value in them is one of remarks
-_SECOND = 1_000_000
 
 
 class Source(NamedTuple):
@@ -56,7 +55,7 @@ class Point(NamedTuple):
     @property
     def is_regular(self) -> bool:
         """Whether it has samples at equal steps; others are written when they change."""
-        return not may_be_of_changes(np.diff(self.times) / _SECOND)
+        return not may_be_of_changes(np.diff(self.times) / SECOND)
 
 
 _POINT = (
@@ -227,7 +226,7 @@ def join_points(
             "UTC offset, such as --time-zone America/New_York"
         )
     clock, lines, of_clock = _on_clock(points, _clock(points, step), max_gap, _DIGITS)
-    usual = float(np.median(np.diff(clock))) / _SECOND
+    usual = float(np.median(np.diff(clock))) / SECOND
     said = [*notes, *of_clock, f"{counted(clock.size, 'row')}, {usual:.4g} s apart"]
     return Joined("\n".join(map(",".join, lines)) + "\n", said)
 
@@ -290,9 +289,9 @@ def _clock(points: Sequence[Point], step: float | None) -> Index:
     """The times at which all points have values, µs."""
     if step is None:
         usual = [np.median(np.diff(point.times)) for point in points if point.times.size > 1]
-        least = min(usual) / _SECOND if usual else 60.0
+        least = min(usual) / SECOND if usual else 60.0
         step = float(max((one for one in _NICE if one <= least), default=_NICE[0]))
-    every = round(step * _SECOND)
+    every = round(step * SECOND)
     start, end = _span(points, every)
     first, last = -(-start // every), end // every
     if (last - first) * len(points) > _MOST_CELLS:
@@ -326,7 +325,7 @@ def _on_clock(
         notes.append(f"{counted(~good, 'row')} of {good.size:,} left out: a point has no sample within its longest gap")
     offsets = {point.offset for point in points}
     offset = offsets.pop() if len(offsets) == 1 else 0
-    zone = offset_text(offset // 60_000_000)[3:] or "+00:00" if points[0].clock == "UTC" else ""
+    zone = offset_text(offset // MINUTE)[3:] or "+00:00" if points[0].clock == "UTC" else ""
     header = ["timestamp", *(f"{point.name} [{point.unit}]" for point in points)]
     cells = [[f"{stamp.isoformat()}{zone}" for stamp in (clock[good] + offset).astype(MICROSECONDS).tolist()]]
     cells += [[f"{value:.{digits}g}" for value in series[good].tolist()] for series in values]
@@ -341,11 +340,11 @@ def _at_times(point: Point, clock: Index, max_gap: float | None) -> tuple[Array,
     held = COLUMNS[point.name].hold or not point.is_regular
     limit = max_gap
     if limit is None and point.is_regular:
-        limit = LONG_STEP * float(np.median(steps)) / _SECOND
+        limit = LONG_STEP * float(np.median(steps)) / SECOND
     apart = np.where(following > latest, point.times[following] - point.times[latest], clock - point.times[latest])
-    good = (clock == point.times[latest]) | (apart <= (np.inf if limit is None else limit * _SECOND))
+    good = (clock == point.times[latest]) | (apart <= (np.inf if limit is None else limit * SECOND))
     values = point.values[latest] if held else np.interp(clock, point.times, point.values)
     how = "held from sample to sample" if held else "on straight lines"
     what = "" if point.is_regular else ", written when it changes"
-    longest = f"over {limit:g} s at most" if limit is not None else f"up to {steps.max(initial=0) / _SECOND:g} s"
+    longest = f"over {limit:g} s at most" if limit is not None else f"up to {steps.max(initial=0) / SECOND:g} s"
     return values, good, f"{point.name}: {counted(point.times.size, 'sample')} of {point.file}{what}, {how} {longest}"

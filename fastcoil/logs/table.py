@@ -23,7 +23,7 @@ from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD, is_datum, is_missing, is_value
 from fastcoil.logs.series import TIME, counted, is_unit
-from fastcoil.logs.timestamps import is_clock, is_date, is_time
+from fastcoil.logs.timestamps import are_date_and_clock, is_time
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -293,8 +293,7 @@ class Table:
         if [len(one) for one in columns] != [1, 1] or labels & {"timestamp", "elapsed_time"}:
             return
         (date,), (clock,) = columns
-        first = self.rows[:_ROWS_WITH_CLOCK]
-        if not all(is_date(row[date]) and is_clock(row[clock]) for row in first):
+        if not all(are_date_and_clock(row[date], row[clock]) for row in self.rows[:_ROWS_WITH_CLOCK]):
             return
         names = self.header[date], self.header[clock]
         for row in self.rows:

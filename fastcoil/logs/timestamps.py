@@ -20,7 +20,7 @@ from fastcoil.base.errors import InputError, shown
 MOST_LETTERS = 64
 """Of a cell that can be a time or a number."""
 MICROSECONDS = np.dtype("datetime64[us]")
-_SECOND, _MINUTE = 1_000_000, 60_000_000  # µs
+SECOND, MINUTE = 1_000_000, 60_000_000  # µs
 SERIAL, EPOCH = "excel", "epoch"
 """Formats that are numbers."""
 _EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
@@ -51,7 +51,7 @@ class Stamps(NamedTuple):
     def first(self) -> tuple[np.datetime64, str]:
         """The first time, to the second, on the clock that wrote it; its time zone, blank if unknown."""
         there = self.microseconds[np.argmax(self.good)] + self.offset
-        return np.datetime64(int(there + _SECOND // 2) // _SECOND, "s"), self.time_zone if self.absolute else ""
+        return np.datetime64(int(there + SECOND // 2) // SECOND, "s"), self.time_zone if self.absolute else ""
 
 
 def offset_text(minutes: int) -> str:
@@ -92,7 +92,7 @@ class _Kind(NamedTuple):
 
 
 _NUMBERS = {
-    SERIAL: [_Kind("serial days of a spreadsheet", 20_000.0, 80_000.0, 25_569.0, 86400.0, _SECOND, "")],
+    SERIAL: [_Kind("serial days of a spreadsheet", 20_000.0, 80_000.0, 25_569.0, 86400.0, SECOND, "")],
     EPOCH: [
         _Kind("seconds since 1970 (UTC)", 1e8, 1e10, 0.0, 1e6, 1, "UTC"),
         _Kind("milliseconds since 1970 (UTC)", 1e11, 1e13, 0.0, 1e3, 1, "UTC"),
@@ -158,14 +158,9 @@ def is_time(cell: str) -> bool:
     return timestamp_of(cell) is not None or parts_of(cell) is not None
 
 
-def is_date(cell: str) -> bool:
-    """Whether a cell holds a date without a time of day."""
-    return is_time(cell) and ":" not in cell
-
-
-def is_clock(cell: str) -> bool:
-    """Whether a cell holds a time of day without a date."""
-    return ":" in cell and parts_of(f"2024-07-01 {cell.strip()}") is not None
+def are_date_and_clock(date: str, clock: str) -> bool:
+    """Whether the first cell holds a date without a time of day, the second a time of day without a date."""
+    return is_time(date) and ":" not in date and ":" in clock and is_time(f"2024-07-01 {clock.strip()}")
 
 
 def _by_pattern(cell: str, pattern: str) -> datetime | None:
@@ -242,7 +237,7 @@ def _on_clock(
         notes.append(f"timestamp has another UTC offset from row {row_numbers[changed]} on: read in UTC")
     ahead = np.array([offsets.get(k, 0) for k in range(len(times))], dtype=np.int64)
     if changed is None:
-        return Stamps(local - first, good, True, wrong, notes, offset_text(first // _MINUTE), first)
+        return Stamps(local - first, good, True, wrong, notes, offset_text(first // MINUTE), first)
     return Stamps(local - ahead, good, True, wrong, notes, "UTC")
 
 

@@ -129,9 +129,8 @@ def implied_law(
     first = first[(ends.min(axis=0) > EDGE) & (ends.max(axis=0) < 1.0 - EDGE)]
 
     def changes(at: Index) -> Array:
-        return np.stack(
-            [error[at + width] - error[at], total[at + width + 1] - total[at + 1], np.ones(at.size)], axis=1
-        )
+        columns = error[at + width] - error[at], total[at + width + 1] - total[at + 1], np.ones(at.size)
+        return np.stack(columns, axis=1)
 
     moved = command[first + width] - command[first]
     if before:

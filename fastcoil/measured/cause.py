@@ -81,8 +81,7 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, known: Known) -> Caus
     if not swing.is_regular:
         return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
     if stroke > (WHOLE_STROKE if known.measured else FULL_SWING):
-        share = f"{100 * stroke:.0f} %"
-        return Cause(TUNING, f"the command swings over {share} of the stroke, more than a gap makes it")
+        return Cause(TUNING, f"the command swings over {100 * stroke:.0f} % of the stroke, more than a gap makes it")
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := too_little(fitted):
@@ -179,9 +178,8 @@ def _swings_alike(
     outcome: Outcome, swing: Swing, alike: float = ALIKE, least: float = LEAST_SIZE, most: float = np.inf
 ) -> bool:
     size = 2.0 * outcome.amplitude / swing.peak_to_peak
-    if not (outcome.hunts and least <= size <= most):
-        return False
-    return bool(abs(np.log(outcome.period / swing.period)) < np.log(alike))
+    is_near = abs(np.log(outcome.period / swing.period)) < np.log(alike)
+    return bool(outcome.hunts and least <= size <= most and is_near)
 
 
 BUFFER = 0.01  # of the backlash inverse that is tried, fraction of stroke

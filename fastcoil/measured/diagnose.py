@@ -17,9 +17,8 @@ from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, profil
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
 from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backlash_of, shown_by
-from fastcoil.measured.measures import Measures, measures_of
+from fastcoil.measured.measures import Measures, measures_of, triage_of, warnings_of
 from fastcoil.measured.part import runs
-from fastcoil.measured.triage import triage_of, warnings_of
 
 _MEASURED = ("T_sup", "T_set", "m_a", "T_a_in")
 WANTED = Wanted(needed=("command", "T_sup"), optional=(*_MEASURED[1:], "enabled"), measured=_MEASURED)
@@ -123,6 +122,7 @@ def diagnose(
     if test is not None:
         cause = after_hold(cause, measures, test.held_swing, test.held_for)
     doubt = loop if isinstance(loop, str) else loop.doubt
+    attrs = {name: {"units": unit, "long_name": meaning} for name, (unit, meaning) in INDICES.items()}
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
     if not isinstance(loop, str):
         indices |= {"kp": abs(loop.pi.kp), "ti": loop.pi.ti, "sample_time": loop.pi.sample_time}
@@ -154,12 +154,7 @@ def diagnose(
         because=cause.because,
         hunts=measures.swing.is_regular,
         profile=profile_of(found),
-        indices=xr.Dataset(
-            {
-                name: ((), value, dict(zip(("units", "long_name"), INDICES[name], strict=True)))
-                for name, value in indices.items()
-            }
-        ),
+        indices=xr.Dataset({name: ((), value, attrs[name]) for name, value in indices.items()}),
         predictions=None if doubt or isinstance(loop, str) else predictions_of(loop, cause.name),
         signals=_signals(grid, measures),
         triage=triage,
@@ -196,10 +191,8 @@ def _gains_of(kp: Any, ti: Any) -> tuple[float, float] | None:
         raise InputError("kp, ti: give both, or leave both out")
     if kp is None:
         return None
-    return (
-        number_of("kp", kp, f"give 1/K, from {_LEAST_KP:g} to {_MOST_KP:g}", least=_LEAST_KP, most=_MOST_KP),
-        seconds_of("ti", ti, _SHORTEST_SAMPLE),
-    )
+    cure = f"give 1/K, from {_LEAST_KP:g} to {_MOST_KP:g}"
+    return number_of("kp", kp, cure, least=_LEAST_KP, most=_MOST_KP), seconds_of("ti", ti, _SHORTEST_SAMPLE)
 
 
 def identified(
@@ -248,7 +241,6 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
 def _signals(grid: Grid, measures: Measures) -> xr.Dataset:
     series = {name: ("elapsed_time", values, {"units": COLUMNS[name].unit}) for name, values in grid.values.items()}
     series["position"] = ("elapsed_time", measures.position, {"units": "1"})
-    calm = xr.DataArray(measures.calm, dims="elapsed_time")
     attrs = {"interval": grid.interval, "hours": float(grid.on.sum()) * grid.interval / 3600.0}
     ds = xr.Dataset(series, {"elapsed_time": ("elapsed_time", grid.time, {"units": "s"})}, attrs)
-    return ds.assign(calm=calm)
+    return ds.assign(calm=("elapsed_time", measures.calm))

@@ -17,7 +17,7 @@ from fastcoil.base.text import per_cent
 from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
 from fastcoil.measured.identify import GOOD, Identification
-from fastcoil.measured.triage import STATES, SWINGS, headline_of
+from fastcoil.measured.measures import STATES, SWINGS, headline_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,7 +105,7 @@ class Diagnosis(Result):
         kp, ti, every = (float(self.indices[name]) for name in ("kp", "ti", "sample_time"))
         controller = "" if np.isnan(kp) else f"Controller: kp {kp:.3g} 1/K, ti {ti:.3g} s, a sample every {every:.3g} s"
         lines += [self.headline, *filter(None, [controller, self.advice.reason])]
-        lines += [*_predicted(self, ("as_found", "simc")), gap_in_words(self), _hunting(self)]
+        lines += [*_predicted(self, ("as_found", "simc")), _gap_in_words(self), _hunting(self)]
         if self.identified and self.backlash > GOOD:
             lines += _predicted(self, ("no_gap", "half_gap", "inverse"))
         return lines + [f"Note: {note}" for note in self.notes]
@@ -150,9 +150,9 @@ class Diagnosis(Result):
         temperature = fig.add_subplot(grid[1, :])
         seen = self.signals.isel(elapsed_time=_telling(self.signals))
         _draw_log(temperature, fig.add_subplot(grid[2, :], sharex=temperature), seen)
-        draw_profile(fig.add_subplot(grid[3, 0]), self)
+        _draw_profile(fig.add_subplot(grid[3, 0]), self)
         _draw_predictions(fig.add_subplot(grid[3, 1]), self)
-        headline = [*self.summary()[:2], gap_in_words(self), _hunting(self), *filter(None, [self.advice.reason])]
+        headline = [*self.summary()[:2], _gap_in_words(self), _hunting(self), *filter(None, [self.advice.reason])]
         fig.suptitle("\n".join(wrapped(line, _SIZE[0], 9) for line in headline), x=0.01, ha="left", fontsize=9)
         return fig
 
@@ -167,7 +167,7 @@ class Diagnosis(Result):
                 one = self.predictions.sel(case=case)
                 numbers = {str(name): float(value) for name, value in one.drop_vars("doubt").items()}
                 lines += toml_table(f"fit.predictions.{case}", {"doubt": str(one["doubt"].values), **numbers})
-        return gap_as_toml(self, "diagnose", "diagnosis", {}, lines, path)
+        return _gap_as_toml(self, "diagnose", "diagnosis", {}, lines, path)
 
 
 @dataclass(frozen=True, repr=False)
@@ -226,7 +226,7 @@ class ValveReading(Result):
         """The reading in words, line by line."""
         return [
             f"{self.source}: a valve test of {self.minutes:.0f} min",
-            gap_in_words(self),
+            _gap_in_words(self),
             f"Plant: {self.gain:.3g} K per stroke, lags of {self.lag:.0f} s, dead time {self.dead_time:.0f} s; "
             f"the temperature moved by {self.held_swing:.2g} K while the command was held",
             f"Cause of the swing before the test: {self.cause}: {self.because}",
@@ -248,12 +248,12 @@ class ValveReading(Result):
         middle.plot(minutes, 100 * ds["stem"], color=GREY, lw=1.0, label="stem behind the gap")
         for axes in (above, middle):
             axes.axvspan(0.0, self.minutes, color=FAINT, lw=0)
-            axes.legend(ncols=2, **ABOVE)
+            axes.legend(ncols=2, **_ABOVE)
             axes.margins(x=0.01)
         above.set(ylabel="temperature [°C]")
         above.tick_params(labelbottom=False)
         middle.set(xlabel="minutes from the start of the test", ylabel="of the stroke [%]")
-        draw_profile(below, self)
+        _draw_profile(below, self)
         lines = [wrapped(line, width, 9) for line in self.summary() if not line.startswith("Note: ")]
         fig.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=9)
         return fig
@@ -264,15 +264,13 @@ class ValveReading(Result):
         ``[loop]`` has the backlash if it is identified, and nothing else; ``[fit]`` is for readers, its posterior
         also for ``fit`` in the ``[sample]`` of a study file.
         """
-        numbers = {
-            name: getattr(self, name) for name in ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
-        }
+        names = ("gain", "lag", "dead_time", "held_swing", "held_for", "minutes")
         more: list[str] = []
         if self.identified:
             at = np.flatnonzero(self.profile["probability"].values > _NEGLIGIBLE)
             seen = self.profile.isel(backlash=slice(at[0], at[-1] + 1))
             more = toml_table("fit.posterior", {n: seen[n].values.tolist() for n in ("backlash", "probability")})
-        return gap_as_toml(self, "valve-test", "valve test", numbers, more, path)
+        return _gap_as_toml(self, "valve-test", "valve test", {name: getattr(self, name) for name in names}, more, path)
 
 
 class Advised(NamedTuple):
@@ -295,7 +293,7 @@ def profile_of(found: Identification) -> xr.Dataset:
     )
 
 
-def gap_as_toml(
+def _gap_as_toml(
     d: Any, command: str, kind: str, numbers: Mapping[str, float], more: Sequence[str], path: str | Path | None
 ) -> str:
     """The gap as TOML, with ``numbers`` of the fit; ``more``: tables at the end."""
@@ -306,7 +304,7 @@ def gap_as_toml(
     return as_toml([*lines, *toml_table("fit.interval_95", {"backlash": list(d.interval)}), *more], path)
 
 
-def gap_in_words(d: Any) -> str:
+def _gap_in_words(d: Any) -> str:
     """The gap and its interval, or why it is not identified."""
     low, high = (100 * bound for bound in d.interval)
     within = f"{100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
@@ -351,9 +349,8 @@ def _predicted(d: Diagnosis, cases: Sequence[str]) -> list[str]:
             f"error {float(one['rmse']):.2g} K, motor {float(one['travel_per_day']):.0f} strokes a day, stem reverses "
             f"{float(one['reversals_per_day']):.0f} times a day{stops}"
         )
-        lines.append(
-            f"{words[case]}: " + (f"not predicted: {one['doubt'].values}" if str(one["doubt"].values) else answer)
-        )
+        doubt = str(one["doubt"].values)
+        lines.append(f"{words[case]}: {f'not predicted: {doubt}' if doubt else answer}")
     return lines
 
 
@@ -373,7 +370,7 @@ _MORE = 1.3  # a swing of some hours is that much larger than the mean of the lo
 _LONG = 48  # hours from which the strip shows days
 _SHADES = (FAINT, "#997700", "#882255", RED, "#EE99AA", YELLOW, "0.45", "0.75", "#EECC66", "#6699CC", BLUE)
 _COLOURS = dict(zip(STATES, _SHADES, strict=True))
-ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
+_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "frameon": False, "borderaxespad": 0.2}
 
 
 def _telling(signals: xr.Dataset) -> slice:
@@ -403,7 +400,7 @@ def _draw_hours(axes: Axes, triage: xr.Dataset) -> None:
     axes.set_title("Hour by hour", loc="left")
     occur = [one for one in STATES if one in state]
     axes.legend(handles=[Patch(color=_COLOURS[one], label=one) for one in occur], ncols=len(occur), handlelength=0.8,
-                columnspacing=1.0, **ABOVE)  # fmt: skip
+                columnspacing=1.0, **_ABOVE)  # fmt: skip
 
 
 def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
@@ -414,14 +411,13 @@ def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
     above.set_ylabel("temperature [°C]")
     above.tick_params(labelbottom=False)
     above.set_title("Two telling hours", loc="left")
-    above.legend(ncols=2, **ABOVE)
+    above.legend(ncols=2, **_ABOVE)
     below.step(hours, 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
     below.set(xlabel="time [h]", ylabel="command [%]")
     below.margins(x=0.01)
 
 
-def draw_profile(axes: Axes, d: Any) -> None:
-    """Draw the probability of each size."""
+def _draw_profile(axes: Axes, d: Any) -> None:
     sizes, probability = 100 * d.profile["backlash"].values, 100 * d.profile["probability"].values
     low, high = d.interval
     axes.axvspan(100 * low, 100 * high, color=FAINT, lw=0, label="95 % interval")
@@ -429,7 +425,7 @@ def draw_profile(axes: Axes, d: Any) -> None:
     axes.set(xlabel="backlash [% of stroke]", ylabel="probability [%]")
     axes.set_xlim(-0.5, max(100 * high, 8.0) * 1.15)
     axes.set_title("Identified" if d.identified else "Not identified", loc="left")
-    axes.legend(**ABOVE)
+    axes.legend(**_ABOVE)
 
 
 def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
@@ -440,8 +436,7 @@ def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
         axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", fontsize=8)
         axes.set(xticks=[], yticks=[])
         return
-    found = d.predictions
-    cases = list(found["case"].values)
+    found, cases = d.predictions, list(d.predictions["case"].values)
     places = np.arange(len(cases))[::-1]
     error, travel = found["rmse"].values, found["travel_per_day"].values
     for values, shift, colour, form in ((error, 0.2, BLUE, "{:.2g} K"), (travel, -0.2, YELLOW, "{:.0f} strokes a day")):

@@ -248,8 +248,8 @@ def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> lis
         notes.append(f"the validation errs {ratio:.1f} times as much as the fit: do not rely on it in other operation")
     explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
     if explained < _POOR:
-        share = f"{100 * max(explained, 0.0):.0f} %"
-        notes.append(f"the model explains only {share} of the variance of {name}: check {check}")
+        share = 100 * max(explained, 0.0)
+        notes.append(f"the model explains only {share:.0f} % of the variance of {name}: check {check}")
     return notes
 
 

@@ -405,7 +405,6 @@ class CoilProblem:
         return np.asarray(np.eye(8)[rows])
 
     def model(self) -> Model:
-        """The least-squares problem of the part to fit."""
         n, part = self.n_fit, self.record.until(self.n_fit)
         used = np.concatenate([self.compared[name][:n] for name in self.outputs])
 

@@ -270,10 +270,8 @@ class LoopProblem:
         first = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(own, prepend=-1))
         _, piece = np.unique(own[first], return_inverse=True)
         y, m = (series[at] - series[at - width] for series in (self.T_sup, modelled))
-        totals = (
-            np.add.reduceat(v, first, axis=0) for v in (np.ones(y.size), y, y * y, m, m * m, y[:, np.newaxis] * m)
-        )
-        return Sums(piece, *totals)
+        columns = (np.ones(y.size), y, y * y, m, m * m, y[:, np.newaxis] * m)
+        return Sums(piece, *(np.add.reduceat(column, first, axis=0) for column in columns))
 
     def candidates(self) -> tuple[Array, Array]:
         """A coarse grid of candidates, refined near the best, and the temperatures of ``modelled``.

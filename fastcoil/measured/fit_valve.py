@@ -194,7 +194,6 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         if not math.isfinite(variance):
             held.setdefault(name, AT_BOUND if math.isnan(variance) else NOT_UNIQUE)
     estimated = [k for k, name in enumerate(VALVE_ROWS) if name not in held]
-    names = [VALVE_ROWS[k] for k in estimated]
     half = spread.quantile() * np.sqrt(variances)
     intervals = {VALVE_ROWS[k]: natural_interval(best.x[k], half[k], bool(LOGS[k])) for k in estimated}
     if not found.why:
@@ -207,10 +206,8 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
 
     parameters = dict(zip(VALVE_ROWS, natural.tolist(), strict=True))
     if found.why:
-        x = parameters.pop("backlash")
-        notes.append(
-            f"the curve belongs to a backlash of {round(x, 4):g}, which is not identified: sweep it in a study"
-        )
+        x = round(parameters.pop("backlash"), 4)
+        notes.append(f"the curve belongs to a backlash of {x:g}, which is not identified: sweep it in a study")
     reach = float(problem.command[: problem.n_fit].max())
     if reach < 0.9:
         notes.append(f"commands reach {reach:.2g}: beyond it the curve is an extrapolation")
@@ -236,7 +233,7 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         "opening": (openings[:, 0], "1"),
     }
     return finished(
-        problem.data, started, problem.good, problem.fitting, errors, series, names,
+        problem.data, started, problem.good, problem.fitting, errors, series, [VALVE_ROWS[k] for k in estimated],
         covariance[np.ix_(estimated, estimated)],
         kind="valve", parameters=parameters, intervals=intervals, held=held, notes=notes,
         profile=profile_of(
@@ -394,15 +391,12 @@ def _moved(log: Log, lag: Array, fitting: Mask, notes: list[str]) -> Log:
 
 def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
     notes = []
-    for run in unbroken(shifts):
+    for run in [run for run in unbroken(shifts) if shifts[run[0]]]:
         n, first, last = int(shifts[run[0]]), int(run[0]), int(run[-1])
         piece = f" (piece {log.batch[first] + 1} of {log.n_batches})" if log.n_batches > 1 else ""
         where = f"from row {log.rows[first]}{piece} to row {log.rows[last]}" if run.size < shifts.size else "throughout"
         when = f"{counted(abs(n), 'sample')} ({abs(n) * step:.4g} s) {'after' if n > 0 else 'before'} the command"
-        if n != 0:
-            notes.append(
-                f"{where} the flow is logged {when}: the fit takes this shift out; lag=0, --lag 0 leaves it in"
-            )
+        notes.append(f"{where} the flow is logged {when}: the fit takes this shift out; lag=0, --lag 0 leaves it in")
     return notes
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.measured.fitted_plant import FittedPlant, RecoveredPI, fit_plant, lagged, recover_pi
-from fastcoil.measured.grid import held
+from fastcoil.measured.grid import DAY, held
 from fastcoil.measured.identify import HORIZON
 from fastcoil.measured.part import runs
 from fastcoil.model.metric_table import HUNTING_SAMPLE, SETTLING_TIME, WARM_UP, alike, is_hunting
@@ -155,7 +155,6 @@ def play(
 
 LARGEST_WARM_UP = 0.125  # share of a short log that is left out at its start in place of ``WARM_UP``
 MOVED = 1e-9  # change of opening that counts as a movement, fraction of stroke
-DAY = 86400.0
 
 
 class Outcome(NamedTuple):
@@ -231,9 +230,8 @@ class FittedLoop(NamedTuple):
     def played(self, backlash: float, kp: float = 1.0, ti: float = 1.0, *inverse: float) -> Outcome:
         """Its day with another backlash, with kp and ti times as large, with an inverse (estimate, buffer)."""
         pi = self.pi._replace(kp=kp * self.pi.kp, ti=ti * self.pi.ti)
-        return outcome_of(
-            play(self.plant, pi, self.day, self.stroke_time, backlash, *inverse), self.day, self.plant.step
-        )
+        played = play(self.plant, pi, self.day, self.stroke_time, backlash, *inverse)
+        return outcome_of(played, self.day, self.plant.step)
 
 
 def fit_loop_model(
@@ -291,31 +289,25 @@ def what_if(
     times the kp and ti of the log.  estimate, buffer: of the inverse; an estimate of 0 is the plain PI.
     """
     size = fitted.backlash if backlash is None else backlash
-    found = fitted.played(size, kp_factor, ti_factor, estimate, buffer)
     if (size, kp_factor, ti_factor, estimate) == (fitted.backlash, 1.0, 1.0, 0.0):
-        return found  # the log itself, which is known
-    more, less = (
-        fitted.played(size, factor * kp_factor, ti_factor, estimate, buffer)
-        for factor in (GAIN_ERROR, 1.0 / GAIN_ERROR)
-    )
+        return fitted.played(size, 1.0, 1.0, 0.0, buffer)  # the log itself, which is known
+    factors = (1.0, GAIN_ERROR, 1.0 / GAIN_ERROR)
+    found, more, less = (fitted.played(size, factor * kp_factor, ti_factor, estimate, buffer) for factor in factors)
     errors = [found.rmse, more.rmse, less.rmse]
-    undecided = ""
     if not found.hunts == more.hunts == less.hunts:
         undecided = "whether the loop hunts"
     elif not max(errors) < LARGEST_SPREAD * min(errors):
         undecided = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
-    if undecided:
-        gain = f"{100 * (GAIN_ERROR - 1.0):.0f} %"
-        return f"a {gain} change of its gain decides {undecided}; the log cannot resolve it"
-    return found
+    else:
+        return found
+    return f"a {100 * (GAIN_ERROR - 1.0):.0f} % change of its gain decides {undecided}; the log cannot resolve it"
 
 
 def _period(temperature: Array, T_set: Array, good: Mask, interval: float) -> float:
     """Samples to a period if the logged loop hunts, else 0."""
     nothing = np.zeros(T_set.size)
-    seen = outcome_of(
-        Played(temperature, nothing, nothing, nothing), Day(nothing, nothing, T_set, nothing, good), interval
-    )
+    played, day = Played(temperature, nothing, nothing, nothing), Day(nothing, nothing, T_set, nothing, good)
+    seen = outcome_of(played, day, interval)
     return seen.period / interval if seen.hunts else 0.0
 
 

@@ -124,8 +124,7 @@ def _sample_time(command: Array, changes: Index, interval: float) -> float:
 
 def _slower(command: Array, error: Array, changes: Index, interval: float, every: float) -> RecoveredPI | None:
     """From a log at least as fine as the controller: a row for each few changes that are one sample apart each."""
-    apart = np.diff(changes) * interval
-    one = np.abs(apart - every) < max(interval, 0.5 * every) - HELD
+    one = np.abs(np.diff(changes) * interval - every) < max(interval, 0.5 * every) - HELD
     fit = _best_pi(command, error, changes, one, np.cumsum(every * error[changes]))
     return fit and fit.pi(every)
 

@@ -24,7 +24,7 @@ _REGULAR, _NEARLY = 0.8, 0.25
 _FIRST_OF_TEN, _ROUNDED, _ALIKE = 0.1, 0.05, 2.0
 """Of the changes of a temperature logged at changes, half are below twice the smallest tenth."""
 _LEAST, _MOST = 1.0, 10.0  # interval between the samples made of an irregular log, s
-_DAY = 86400.0
+DAY = 86400.0  # s
 _SLOWEST = 3600.0  # s between samples; a log that is slower shows nothing of a loop
 _LONGEST_SILENCE = 600.0  # of longer ones only so many seconds stay: nothing is looked for across them
 _FINE, _USUAL_STEPS = 30.0, (10, 15, 20, 30, 60, 120, 180, 300, 600, 900, 1800)
@@ -52,7 +52,7 @@ class Grid(NamedTuple):
     def days(self) -> list[slice]:
         """The samples of each day, of 24 h at most from the start of a log; shorter rests belong to the day before."""
         ends = (*self.starts[1:], self.on.size)
-        a_day, days = round(_DAY / self.interval), []
+        a_day, days = round(DAY / self.interval), []
         for first, end in zip(self.starts, ends, strict=True):
             cuts = [*range(first, max(end - a_day // 2, first + 1), a_day), end]
             days += [slice(*pair) for pair in pairwise(cuts)]
@@ -85,7 +85,7 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
     cut = np.concatenate([[0], np.cumsum(np.where(same, 0, np.maximum(np.diff(tick) - silent, 0)))])
     at = tick - cut
     if at[-1] >= MOST_SAMPLES:
-        days = MOST_SAMPLES * interval / 86400
+        days = MOST_SAMPLES * interval / DAY
         raise InputError(
             f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give the most telling {days:.0f} days or less"
         )

@@ -77,10 +77,9 @@ def evaluate(model: Model, x: Array) -> tuple[Array, Array]:
     found = model.compared(sets)
     J = np.zeros((found.shape[0], p))
     forbidden = np.atleast_1d((np.abs(found) >= FORBIDDEN).any(axis=0))
+    # where one side is forbidden the slope comes from the other alone
+    sets[:, forbidden], found[:, forbidden] = sets[:, :1], found[:, :1]
     for k in range(pairs):
-        for side in (1 + 2 * k, 2 + 2 * k):
-            if forbidden[side]:  # the slope then comes from the other side alone
-                sets[:, side], found[:, side] = sets[:, 0], found[:, 0]
         difference = found[:, 1 + 2 * k] - found[:, 2 + 2 * k]
         if k < common:
             J[:, k] = difference / max(sets[k, 1 + 2 * k] - sets[k, 2 + 2 * k], _TINY)

@@ -137,10 +137,8 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
     """First row of the test, and the first after it."""
     if between is not None:
         if between[1] > grid.time[-1] + grid.interval:
-            raise InputError(
-                f"between ends at {between[1]:g} s, the log at {grid.time[-1]:g} s: give seconds from the start of the "
-                "log"
-            )
+            ends = f"between ends at {between[1]:g} s, the log at {grid.time[-1]:g} s"
+            raise InputError(f"{ends}: give seconds from the start of the log")
         inside = (grid.time >= between[0]) & (grid.time <= between[1])
     elif "test" in grid.values:
         inside = np.nan_to_num(held(grid.values["test"])) > 0.0

@@ -25,7 +25,6 @@ from fastcoil.model.estimators.registry import ESTIMATORS
 from fastcoil.model.metric_table import TRACES
 from fastcoil.model.user_rules import rules_for_kernels
 
-_NEEDED = ("T_sup", "T_set")
 _ROUND_OFF = 1e-6  # of the times of a log, s
 
 
@@ -88,7 +87,7 @@ def replay(
     refuse(missing_parameters(loop))
     see_air = {estimator.name for estimator in ESTIMATORS if estimator is not None and estimator.sees_air}
     sees_air = bool(loop.rules) or not see_air.isdisjoint(words_used(loop, "estimator"))
-    data = read_log(log, Wanted(_NEEDED, optional=("enabled", "m_a") if sees_air else ("enabled",)), how)
+    data = read_log(log, Wanted(("T_sup", "T_set"), optional=("enabled", "m_a") if sees_air else ("enabled",)), how)
     warn_of_reading(data.name, data.notes)
     series = _seconds(data)
     refuse(controller_clashes(loop, series[:, REPLAY_COLUMNS.index("T_set")]))

@@ -71,7 +71,7 @@ def step_of(log: Log, fitting: Mask) -> float:
 
 
 def reversals(command: Array, batch: Index) -> int:
-    """How often the command turns by more than 1 % of stroke."""
+    """How often the command turns by more than ``TURN``."""
     return sum(turns(command[piece], TURN) for piece in unbroken(batch))
 
 
@@ -177,7 +177,6 @@ class ValveProblem:
         return openings, np.maximum(flows, self.floor)
 
     def model(self, m_max: float | None) -> Model:
-        """The least-squares problem of the part to fit."""
         n, n_pieces = self.n_fit, self.n_pieces
         used = self.good[:n] & self.fitting[:n]
 

@@ -6,7 +6,7 @@ import xarray as xr
 from helpers.loop_logs import loop_log
 
 import fastcoil as fc
-from fastcoil.measured.triage import STATES, VARIABLES
+from fastcoil.measured.measures import STATES, VARIABLES
 
 pytestmark = pytest.mark.kernel
 

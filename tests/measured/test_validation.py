@@ -34,7 +34,6 @@ def test_a_coil_is_validated_with_a_second_log(two_days, validated):
     assert fit.parameters == alone.parameters
     assert fit.intervals == alone.intervals
     assert fit.rmse["validation"] == pytest.approx(0.05, rel=0.1)
-    assert any("minimise_on='both', --both uses it too" in note for note in fit.notes)
     ds = fit.residuals
     assert set(ds["part"].values[:5400]) == {"unused", "fit"}
     assert set(ds["part"].values[5400:]) == {"unused", "validation"}
