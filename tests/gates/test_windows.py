@@ -42,14 +42,12 @@ def day(tmp_path_factory):
     return json.loads(done.stdout)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("name", day_on_windows.STEPS)
 def test_nothing_fails_there_and_nothing_is_warned_of(day, name):
     assert "Traceback" not in str(day[name]), day[name]
     assert not day[f"{name}: warnings"]
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("name", ["simulate", "explain", "diagnose", "export_controller"])
 def test_what_is_computed_is_the_same_there(day, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -57,7 +55,6 @@ def test_what_is_computed_is_the_same_there(day, name, tmp_path, monkeypatch):
     assert day[name] == json.loads(json.dumps(here))
 
 
-@pytest.mark.full
 def test_a_study_is_interrupted_resumed_and_sound_there(day, golden, healthy):
     assert day["interrupted_study"] == [1, False]
     digest, total, problems = day["resumed_study"]
@@ -65,7 +62,6 @@ def test_a_study_is_interrupted_resumed_and_sound_there(day, golden, healthy):
     assert total == pytest.approx(float(healthy.T_sup.sum()))
 
 
-@pytest.mark.full
 def test_results_that_somebody_reads_are_replaced_after_that_or_a_sentence_says_why_not(day):
     assert day["results_that_somebody_looks_at"] == ["Getriebespiel – Länge Δ", True]
     assert (
@@ -74,7 +70,6 @@ def test_results_that_somebody_reads_are_replaced_after_that_or_a_sentence_says_
     )
 
 
-@pytest.mark.full
 def test_a_file_without_a_recorded_hash_is_probed_there_and_an_archive_is_sound(day):
     total, probed, refused = day["unknown_netcdf"]
     assert total > 0.0
@@ -83,12 +78,10 @@ def test_a_file_without_a_recorded_hash_is_probed_there_and_an_archive_is_sound(
     assert day["archived"] == []
 
 
-@pytest.mark.full
 def test_kernels_are_kept_in_a_folder_whose_mode_says_nothing(day):
     assert day["kernels_are_kept"] == [True, True]
 
 
-@pytest.mark.full
 def test_memory_commands_and_signals_are_those_of_windows(day):
     typed = 'fastcoil run "my study.toml" -o C:\\results\\a'
     assert day["machine"] == [windows.MEMORY, typed, 1, False]
