@@ -152,7 +152,7 @@ def test_the_speeds_that_are_quoted_are_measured():
     assert f"| against scalar Numba | {words('scalar Numba')} times faster |" in promises
     assert f"| against NumPy | {words('NumPy')} times faster |" in promises
     slower = {f"{float(r):.1f}" for r in re.findall(r"^\| fastcoil, kernel \| 1 .*\| ([\d.]+) \(", peers, re.MULTILINE)}
-    assert f"with two metrics | {' to '.join(sorted(slower))} times slower |" in promises
+    assert f"with the same metrics | {' to '.join(sorted(slower))} times slower |" in promises
     assert f"| fit of a valve | {seconds('valve'):.1f} s |" in promises
     assert f"| fit of a coil to 8 h of seconds | {seconds('coil_on_seconds'):.1f} s |" in promises
 
