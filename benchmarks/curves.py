@@ -42,7 +42,8 @@ class Case(NamedTuple):
         threads = f"{self.threads} thread{'s' * (self.threads > 1)}"
         if self.kind == "one":
             return threads
-        return f"{self.processes} {'dask workers' if self.kind == 'dask' else 'shares'} of {threads}"
+        one = "dask worker" if self.kind == "dask" else "share"
+        return f"{self.processes} {one}{'s' * (self.processes > 1)} of {threads}"
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -52,7 +53,7 @@ def cases(quick: bool) -> Iterator[Case]:
         if n <= 1_000_000:
             yield Case(n, 1, 1, threads=1)
     for days in (1, 2) if quick else (1, 30, 365):
-        yield Case(100 if quick else 1_000, days, 1 if quick else 24)
+        yield Case(100 if quick else 256, days, 1 if quick else 24)
     for kind in ("dask", "shares"):
         for processes in (1, 2) if quick else (1, 2, 4):
             yield Case(sizes[0] if quick else 100_000, 1, 1, 1, kind, processes)
