@@ -183,12 +183,12 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
 
     Its first line names fastcoil.schema.json, written beside it, with which editors complete and check it.
     """
-    from fastcoil.study.file.schema import DIRECTIVE, SCHEMA, schema_text
-
     if only_list:
         for each, text in shipped_studies().items():
             say(f"{each:<20}{tomllib.loads(text)['title']}")
         return
+    from fastcoil.study.file.schema import DIRECTIVE, SCHEMA, schema_text
+
     template = files("fastcoil.study.file").joinpath("template.toml").read_text(encoding="utf-8")
     texts = {"study": template} if name is None else shipped_studies()
     name = choice_of("--from", name or "study", texts)
@@ -198,7 +198,7 @@ def init(study: Path | None, name: str | None, only_list: bool) -> None:
     commit(path.with_name(SCHEMA), schema_text().encode())
     commit(path, (DIRECTIVE + text).encode())
     then = ", ".join(command_line(["fastcoil", verb, str(path)]) for verb in ("plan", "run"))
-    say(f"{path} written.  Edit it, then: {then}")
+    say(f"{path} written, and {SCHEMA} for editors.  Edit it, then: {then}")
     # the script that does what `fastcoil run` does not
     say(*(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# Analysis: ")))
 

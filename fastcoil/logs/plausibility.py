@@ -33,6 +33,7 @@ _NEAR_END, _BEYOND, _AT_END, _BETWEEN = 0.12, 0.05, 3, 20
 """Shares of a signal's span; readings at each end, and different numbers in all, of what is certainly a signal."""
 _SCALE_ROWS, _LEAST_SPAN, _NO_LEAP, _RARELY = 30, 0.5, 0.2, 0.3
 """Rows in another unit; shares of its full travel: what they span, the leap into it; share of other rows within it."""
+_LEAP, _CROSSED = 8.0, 0.25  # by which both columns leap; share of it to which they go on with each other's numbers
 _FAULT_LEAP, _FAULT_MATCH = 20.0, 5.0  # K by which readings are off those on both sides; by which these differ at most
 _DRIEST = 0.12  # relative humidity of air at a coil
 _FEWEST_ROWS, _MOVES, _STANDS = 50, 0.5, 0.05
@@ -173,6 +174,14 @@ def row_of_new_scale(percent: Array) -> int:
             if goes_on and np.min(small) > 0.0 and np.ptp(small) >= _LEAST_SPAN * full:
                 return k if step > 0 else percent.size - k
     return 0
+
+
+def row_of_exchange(T: Array, command: Array) -> int:
+    """Index from which a temperature goes on with the numbers of the command, and the reverse; 0 if nowhere."""
+    (old, new), (old_command, new_command) = ((one[:-1], one[1:]) for one in (T, command))
+    leap = np.minimum(np.abs(new - old), np.abs(new_command - old_command))
+    off = np.maximum(np.abs(new - old_command), np.abs(new_command - old))
+    return int(np.argmax(np.append(False, (leap > _LEAP) & (off < _CROSSED * leap))))
 
 
 def sensor_faults(T: Array) -> Mask:

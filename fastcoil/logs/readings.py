@@ -114,10 +114,15 @@ def question_units(table: Table, readings: Readings, found: Mapping[str, int], h
         if k := plausibility.row_of_new_unit(values[name]):
             row = table.row_numbers[k]
             table.problems.append(f"{name} jumps in row {row} as if °C and °F were in one column: write one unit")
-    in_percent = "command" in values.keys() - trusted and readings.units["command"] in ("%", "percent")
-    if in_percent and (k := plausibility.row_of_new_scale(100.0 * values["command"])):
-        row = table.row_numbers[k]
-        table.problems.append(f"command goes on in row {row} as if in another unit than before: write one unit")
+    if "command" in values.keys() - trusted:
+        scale, offset = TRAVEL[readings.units["command"]]
+        command = (values["command"] - offset) / scale
+        if k := plausibility.row_of_new_scale(command) if scale == TRAVEL["%"][0] else 0:
+            row = table.row_numbers[k]
+            table.problems.append(f"command goes on in row {row} as if in another unit than before: write one unit")
+        if k := plausibility.row_of_exchange(values["T_sup"], command) if "T_sup" in values else 0:
+            row = table.row_numbers[k]
+            table.problems.append(f"T_sup and command go on exchanged in row {row}: write one order of columns")
     other = plausibility.exchanged_with_supply(values) if not table.problems else ""
     if other and not {"T_sup", other} <= trusted:
         table.problems.append(

@@ -71,6 +71,11 @@ def mutated(kind, r, heats):
     elif kind in ("a fraction from here on", "V from here on"):
         swing = 50 + 45 * np.sin(np.arange(N) / 7)
         log["command"] = np.where(np.arange(N) < N // 2, swing, swing / (100 if "fraction" in kind else 10))
+    elif kind == "columns in another order from here on":
+        log["command"], log["T_sup"] = (
+            np.where(np.arange(N) < N // 2, *pair)
+            for pair in ((log["command"], log["T_sup"]), (log["T_sup"], log["command"]))
+        )
     elif kind == "exchanged":
         log["T_sup"], log["T_set"] = log["T_set"], log["T_sup"]
     elif kind == "°F from here on":
@@ -105,6 +110,7 @@ def mutated(kind, r, heats):
         ("command in V as %", "declared in %, and its numbers look like V: write 'command [V]' in the header"),
         ("a fraction from here on", "command goes on in row 62 as if in another unit than before"),
         ("V from here on", "command goes on in row 62 as if in another unit than before"),
+        ("columns in another order from here on", "T_sup and command go on exchanged in row 62"),
         ("dew point in °C as °F", "declared in degF, and its numbers look like degC: write 'T_dp_in [degC]'"),
         ("exchanged", "while T_sup stands still, as if they were exchanged: exchange the two headers"),
         ("°F from here on", "T_a_in jumps in row 62 as if °C and °F were in one column: write one unit"),

@@ -224,6 +224,11 @@ def clock_of(start: Any, time_zone: Any, day: NDArray[Any], n_steps: int, carrie
     if len(times) not in (1, day.size):
         raise InputError(f"start has {len(times)} times for {day.size} days: {_CURE}")
     zone = _zone_of(times, next(iter(named.values()), ""))
+    refuse([
+        f"start = {shown(str(time))}: clocks of {zone} are put forward over that time: give one that they show"
+        for time in times
+        if time.tzinfo is None and _is_skipped(time, zone)
+    ])  # fmt: skip
     found = _to_seconds(np.array([time.replace(tzinfo=None) for time in times], dtype="datetime64[us]"))
     if carried.start is not None:
         both = {"start": found, "the first sample": _to_seconds(np.atleast_1d(carried.start))}
@@ -254,6 +259,12 @@ def is_changed(time_zone: str, start: np.datetime64, n_steps: int) -> bool:
     there = first.replace(tzinfo=zone)
     last = (there.astimezone(UTC) + timedelta(seconds=n_steps - 1)).astimezone(zone)
     return len({there.utcoffset(), there.replace(fold=1).utcoffset(), last.utcoffset()}) > 1
+
+
+def _is_skipped(local: datetime, time_zone: str) -> bool:
+    """Whether clocks of the zone never show a local time."""
+    zone = zone_named(time_zone or "UTC")
+    return local.replace(tzinfo=zone).astimezone(UTC).astimezone(zone).replace(tzinfo=None) != local
 
 
 def _time_of(value: Any) -> datetime:

@@ -92,6 +92,7 @@ def test_a_change_of_clocks_is_found(start, changed):
         ({"start": "1066-10-14"}, ["'1066-10-14'", "1700 to 2200"]),
         ({"start": ["2024-01-01"] * 2, "day": [1, 2, 3]}, ["2 times for 3 days"]),
         ({"start": ["2024-01-01", "2024-01-02T00:00Z"], "day": [1, 2]}, ["or some without"]),
+        ({"start": "2024-03-10T02:30", "time_zone": "America/Los_Angeles"}, ["2024-03-10 02:30:00", "put forward"]),
         ({"start": ["2024-03-09T00:00-08:00", "2024-03-11T00:00-07:00"], "day": [1, 2]}, ["different UTC offsets"]),
         ({"start": "2024-07-01T08:00-08:00", "time_zone": "America/Los_Angeles"}, ["another UTC offset", "local"]),
         ({"time_zone": "America/Los_Angelos"}, ["time_zone = ", "did you mean 'America/Los_Angeles'?", "UTC-08:00"]),
