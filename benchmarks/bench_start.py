@@ -48,6 +48,11 @@ def test_python_alone(timed: Timed) -> None:
     timed(lambda: call(sys.executable, "-c", "pass"), 10)
 
 
+def test_libraries(timed: Timed) -> None:
+    """What no command on results can do without."""
+    timed(lambda: call(sys.executable, "-c", "import numpy, numba, xarray, netCDF4"), 10)
+
+
 def test_import(timed: Timed) -> None:
     timed(lambda: call(sys.executable, "-c", "import fastcoil"), 10)
 

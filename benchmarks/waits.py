@@ -10,6 +10,7 @@ import numpy as np
 ASKED_SIMULATE, ASKED_KERNEL = 1.3, 1.15
 """``simulate`` over its kernel; kernel over C."""
 _COMMANDS = (
+    ("import numpy, numba, xarray, netCDF4 and no more", "test_libraries", None),
     ("fastcoil --help", "test_help", None),
     ("fastcoil plan", "test_plan", 0.6),
     ("fastcoil run, without figures", "test_run_warm", 1.2),

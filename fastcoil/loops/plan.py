@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 
 from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
@@ -276,6 +275,8 @@ def simulation_attributes(plan: Plan) -> dict[str, Any]:
     if plan.carry_over:
         attrs["carry_over"] = 1
     if plan.command is not None:
+        import joblib  # takes 0.1 s, which a study that is only looked at need not wait
+
         attrs["command_sha256"] = joblib.hash(plan.command, hash_name="sha1")
     return attrs
 

@@ -307,25 +307,28 @@ def check_same_form(first: xr.Dataset | None, part: xr.Dataset) -> xr.Dataset:
         return part
     if _is_crashed(part):
         return first
-    for name in sorted({*first.data_vars, *part.data_vars}, key=str):
-        one, other = _form(first, name), _form(part, name)
-        if one != other:
+    one, other = _forms(first), _forms(part)
+    for name in sorted({*one, *other}, key=str) if one != other else ():
+        if one.get(name) != other.get(name):
             what = f"{name} has another form in some scenarios than in others"
             if name in METRICS or name in TRACES or name == "status":
                 raise IntegrityError(f"{what}: delete the folder, run again")
             raise InputError(
-                f"{what}, {shown(other)} and {shown(one)}: let the reduction give the same variables, types, dims and "
-                "labels for all"
+                f"{what}, {shown(other.get(name, ()))} and {shown(one.get(name, ()))}: let the reduction give the same "
+                "variables, types, dims and labels for all"
             )
     return first
 
 
-def _form(part: xr.Dataset, name: Hashable) -> tuple[Any, ...]:
-    """Type, sizes and labels of a variable but those of scenarios; empty if there is none."""
-    if name not in part.data_vars:
-        return ()
-    variable = part[name].isel(scenario=0)
-    return str(variable.dtype), dict(variable.sizes), {d: variable[d].values.tolist() for d in variable.indexes}
+def _forms(part: xr.Dataset) -> dict[Hashable, tuple[Any, ...]]:
+    """Type, sizes and labels of every variable but those of scenarios, the first dim."""
+    labels = {d: part.variables[d].values.tolist() for d in part.dims if d in part.coords and d != "scenario"}
+    forms = {}
+    for name in part.data_vars:
+        variable = part.variables[name]
+        sizes = dict(zip(variable.dims[1:], variable.shape[1:], strict=True))
+        forms[name] = str(variable.dtype), sizes, {d: labels[d] for d in sizes if d in labels}
+    return forms
 
 
 def _is_crashed(part: xr.Dataset) -> bool:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Any, TypeVar
 
-import joblib
 import numpy as np
 import xarray as xr
 
@@ -301,5 +300,7 @@ def run_plan(plan: Plan, n_jobs: int, advance: Advance) -> xr.Dataset:
 def workers(n_jobs: int | None) -> int:
     """Number of threads: all cores by default."""
     if n_jobs is None:
+        import joblib  # takes 0.1 s, which a study that is only looked at need not wait
+
         return int(joblib.cpu_count())
     return whole_of("n_jobs", n_jobs, 1, 1024)
