@@ -23,6 +23,7 @@ def run() -> None:
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # the same for workers
     stdout = guard_streams()
     code = _run_command()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing is left to undo, and waiting for workers ends without words
     lost = stdout.loss()
     if lost is not None:
         say(f"fastcoil: not all lines could be printed ({lost}); files were written as usual", err=True)

@@ -114,7 +114,14 @@ def _survey(
     say(headline(ds), *(aligned([HEAD, *rows], right=(1, 2)) if rows else ()))
     warned = zip(ds["valve"].values, ds["warnings"].values[: len(rows)], strict=False)
     say(*(f"{valve}: {warning}" for valve, warning in warned if warning))
-    failed = [f"Not read: {v}: {p}" for v, p in zip(ds["valve"].values, ds["problem"].values, strict=True) if p]
+    alike: dict[str, list[str]] = {}
+    for valve, log, problem in zip(ds["valve"].values, ds["log"].values, ds["problem"].values, strict=True):
+        if problem:
+            alike.setdefault(problem.replace(f"{Path(log).name}: ", ""), []).append(valve)
+    failed = [
+        f"Not read: {valves[0]}{f' and {len(valves) - 1:,} more' if valves[1:] else ''}: {problem}"
+        for problem, valves in alike.items()
+    ]
     say(*failed[:_MOST_SHOWN], *[f"… and {len(failed) - _MOST_SHOWN:,} more"] * (len(failed) > _MOST_SHOWN))
     if out is not None:
         say(f"Written: {out}")

@@ -156,6 +156,11 @@ def test_the_command_lists_the_worst_and_its_exit_code_says_whether_there_is_wor
     none = fastcoil("diagnose", building / "a" / "empty.csv", "--fleet")
     assert none.exit_code == 2
     assert "no log could be read" in none.output
+    for name in ("AHU-1", "AHU-2", "AHU-3"):
+        (tmp_path / f"{name}.csv").write_text("elapsed_time,T_sup,command\n0,12,0.5\n10,12,0.5\n")
+    alike = fastcoil("diagnose", tmp_path, "--fleet").output
+    assert alike.count("T_sup has no unit") == 1
+    assert "Not read: AHU-1 and 2 more: elapsed_time has no unit" in alike
     assert fastcoil("diagnose", good, "--jobs", 2).exit_code == 2
     assert fastcoil("diagnose", good, "--fleet", "--report", tmp_path / "r.html").exit_code == 2
 
