@@ -1,7 +1,7 @@
 """Run studies by name, or list them: ``python -m studies [NAME ...]``.  The list is the table of ``README.md``.
 
-``--all`` runs every study and writes all tables anew, which takes hours; ``--sample`` computes some rows of each in ten
-minutes and writes nothing.  Both say which cells are not those of the tables as they stand.
+``--all`` runs every study and writes all tables anew, which takes hours; ``--sample`` computes some rows of each in a
+quarter of an hour and writes nothing.  Both say which cells are not those of the tables as they stand.
 """
 
 from __future__ import annotations

@@ -8,14 +8,14 @@ without noise, on other valves; the limit of 3 was chosen on valves of seed 7001
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 import xarray as xr
 
 import fastcoil as fc
-from studies.common import along, pooled, write_table
+from studies.common import along, compare_rows, pooled, write_table
 from studies.hunting.loops import (
     OPERATING,
     WARM_UP,
@@ -37,6 +37,7 @@ EDGES = (0.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, np.inf)
 INDEX, LIMITS = "(kp K)^0.7 (T + 2 θ) / Ti", (5.0, 4.0, 3.0, 2.0)
 SIZES = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.15)
 SEED, VALVES, DAYS = 16001, 512, 6
+GAPS = ("with", "without")
 
 
 def index(ds: xr.Dataset) -> xr.DataArray:
@@ -44,8 +45,8 @@ def index(ds: xr.Dataset) -> xr.DataArray:
     return speed(ds, 0.7, 2.0)
 
 
-def population(seed: int, size: int, days: int) -> xr.Dataset:
-    """Fresh loops at each noise, as they are and without their gap: (sample, day, noise, gap)."""
+def population(seed: int, size: int, days: int, gaps: Sequence[str] = GAPS) -> xr.Dataset:
+    """Fresh loops at each noise, as they are or without their gap: (sample, day, noise, gap)."""
     drawn = valves(seed, size).assign(
         sample_time=("sample", np.random.default_rng([seed, 7]).choice(SAMPLE_TIMES, size)),
         backlash=("sample", np.random.default_rng([seed, 8]).choice(SIZES, size)),
@@ -54,7 +55,7 @@ def population(seed: int, size: int, days: int) -> xr.Dataset:
     for kind in OPERATING:
         loop, day = acting(drawn, kind), conditions(kind, seed + 1, days)
         ways = {"with": loop, "without": loop.assign(backlash=0.0)}
-        parts[kind] = along("gap", {gap: _at_noises(one, day, seed) for gap, one in ways.items()})
+        parts[kind] = along("gap", {gap: _at_noises(ways[gap], day, seed) for gap in gaps})
     return pooled(parts, data_vars="all")
 
 
@@ -113,6 +114,13 @@ def predicted(ds: xr.Dataset) -> Iterator[list[str]]:
                 right = said == true
                 row += [share_written(right, part) for part in (among, among & true, among & ~true)]
             yield row
+
+
+def sample() -> None:
+    """The loops without their gap."""
+    ds = population(SEED, VALVES, DAYS, GAPS[1:])
+    compare_rows("hunting/hunting_noise", by_index(ds))
+    compare_rows("hunting/hunting_noise_predicted", predicted(ds))
 
 
 def main() -> None:

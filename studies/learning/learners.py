@@ -12,10 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, FAINT, RED, YELLOW, apply_style
-from studies.common import Share, change_in_words, failures, pooled, save_figure, share_of, write_table
+from studies.common import Share, change_in_words, compare_rows, failures, pooled, save_figure, share_of, write_table
 from studies.days import STEPPED
 from studies.learning import learners_runs
 from studies.learning.learners_runs import (
+    GOOD,
     HARM,
     KNOWN,
     LOOPS,
@@ -23,6 +24,7 @@ from studies.learning.learners_runs import (
     ONE,
     PI,
     ROUND_OFF,
+    SMALL,
     VALVES,
     WORSE,
     Run,
@@ -221,6 +223,14 @@ def _panel(panel: Axes, runs: list[Run], names: list[str], share: Callable[[Run,
     for row in range(0, len(runs), 2):
         panel.axhspan(row - 0.5, row + 0.5, color=FAINT, alpha=0.5, zorder=0, lw=0)
     panel.grid(visible=False, axis="y")
+
+
+def sample() -> None:
+    """Two conditions, one of them without a gap."""
+    runs = learners_runs.run(chosen=(SMALL, f"{GOOD}, {LOOPS}: {OF_KINDS[STEPPED]}"))
+    compare_rows("learning/learners_failures", failure_rows(runs))
+    compare_rows("learning/learners_worse", worse_rows(runs))
+    compare_rows("learning/learners_good", good_rows(runs))
 
 
 def main(size: int | None = None) -> None:

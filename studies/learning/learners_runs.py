@@ -6,7 +6,7 @@ one thing; the valves are drawn as in ``valve_population.toml``, with gains as s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import cache
 from itertools import product
 from typing import NamedTuple
@@ -148,10 +148,12 @@ def controllers() -> dict[str, dict[str, object]]:
     return read_study(STUDY).tables["cases"]["controller"]  # type: ignore[no-any-return]
 
 
-def run(size: int | None = None) -> list[Run]:
-    """Every controller under every condition; ``size``: only so many loops and valves."""
+def run(size: int | None = None, chosen: Collection[str] | None = None) -> list[Run]:
+    """Every controller under every condition, or the ``chosen``; ``size``: only so many loops and valves."""
     done, found = progress(), []
     for condition in conditions(size):
+        if chosen is not None and condition.name not in chosen:
+            continue
         ds = tried(condition)
         backlash = xr.DataArray(condition.loop["backlash"]).broadcast_like(ds.rmse.isel(controller=0, day=0, drop=True))
         found.append(Run(condition, ds, backlash))

@@ -6,12 +6,25 @@ slow.  The same valves, noise and days serve both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
 import fastcoil as fc
 from fastcoil.study.file.spec import read_study
-from studies.common import drawn_loops, failures, mean_of, mixed_sizes, pooled, progress, share_of, signed, write_table
+from studies.common import (
+    compare_rows,
+    drawn_loops,
+    failures,
+    mean_of,
+    mixed_sizes,
+    pooled,
+    progress,
+    share_of,
+    signed,
+    write_table,
+)
 from studies.days import HEATING, STEPPED, kinds
 from studies.paper.grid import along as along_cases
 from studies.remedies.runs import DRAWN, LEAST_TRAVEL, SIMC, STUDY, groups, on_days, picked
@@ -40,11 +53,13 @@ def valves(size: int, *, heating: bool) -> fc.Loop:
     )
 
 
-def ran(size: int = VALVES) -> dict[str, dict[str, xr.Dataset]]:
-    """Population → kind of day → metrics over controller, sample and day."""
+def ran(size: int = VALVES, some: Sequence[str] | None = None) -> dict[str, dict[str, xr.Dataset]]:
+    """Population → kind of day, of ``some`` or all → metrics over controller, sample and day."""
     found: dict[str, dict[str, xr.Dataset]] = {SIMC: {}, DRAWN: {}}
     done = progress()
-    for group in groups():
+    for group in ([kind for kind in group if some is None or kind in some] for group in groups()):
+        if not group:
+            continue
         loop = valves(size, heating=group == [HEATING])
         simc = simc_gains(picked(loop, controller=0), group[0])
         for kind in group:
@@ -70,6 +85,13 @@ def cells(ds: xr.Dataset, name: str) -> list[str]:
 
 
 HEAD = ("gains", "days", "remedy", "RMSE", "motor travel", "hunting")
+
+
+def sample() -> None:
+    """Days with set-point steps."""
+    for gains, of_kinds in ran(some=[STEPPED]).items():
+        rows = [[gains, STEPPED, LABELS[name], *cells(of_kinds[STEPPED], name)] for name in SHOWN[1:]]
+        compare_rows("remedies/remedies_others", rows)
 
 
 def main(size: int = VALVES) -> None:

@@ -154,6 +154,11 @@ def write_valves(found: dict[str, dict[str, xr.Dataset]]) -> None:
     )
 
 
+def sample() -> None:
+    """The gains as found."""
+    write_found(run_found(FOUND_VALVES))
+
+
 def main(size: int | None = None) -> None:
     """Run everything, write the tables and draw the figure; ``size``: only so many valves."""
     plain = runs.picked(runs.population(size), controller=0)

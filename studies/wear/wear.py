@@ -12,7 +12,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from fastcoil.base.figures import BLUE, RED, YELLOW, apply_style
-from studies.common import change_in_words, failures, save_figure, share_of, write_table
+from studies.common import change_in_words, compare_rows, failures, save_figure, share_of, write_table
 from studies.days import CONSTANT, STEPPED
 from studies.learning.learners_runs import HARM
 from studies.wear import detect
@@ -318,6 +318,13 @@ def _noticed(panel: Axes, chosen_on: Estimates, fresh: Estimates) -> None:
     panel.set(xlabel="operation since it came loose [h]", ylabel="noticed [% of the loops]", ylim=(-3, 103))
     panel.set_title("Three times the gap at once", fontsize=9)
     _legend(panel)
+
+
+def sample() -> None:
+    """A linkage that comes loose and is repaired, and valves without a gap."""
+    runs = wear_runs.run(chosen=[f"{STEPPED}, loose and repaired", f"{CONSTANT}, no gap"])
+    compare_rows("wear/wear_follow", follow_rows(runs[:1]))
+    compare_rows("wear/wear_good", good_rows(runs[1:]))
 
 
 def main(size: int | None = None) -> None:
