@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, entries, make_folder, storage_errors
 from fastcoil.cli.arguments import PATH
@@ -64,13 +65,9 @@ def demo(context: click.Context, folder: Path | None) -> None:
 
 def _log() -> str:
     """Six hours of a loop that hunts, as a building logs it."""
-    from fastcoil.loops.boundary.days import paper_day
-    from fastcoil.loops.loop import Loop
-    from fastcoil.loops.simulate import simulate
-
-    day = paper_day(hours=6, seed=2)
-    loop = Loop.preset("lbnl").assign(**_LOOP, noise_std=0.01)
-    ds = simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
+    day = fc.paper_day(hours=6, seed=2)
+    loop = fc.Loop.preset("lbnl").assign(**_LOOP, noise_std=0.01)
+    ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
     T_set = day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time)
     rows = zip(ds.elapsed_time.values, ds.command.values, ds.T_measured.values, T_set.values, strict=True)
     lines = [f"{t:.0f},{command:.3f},{T_sup:.3f},{wanted:.3f}" for t, command, T_sup, wanted in rows]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import fastcoil as fc
 from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra
 from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
@@ -33,10 +34,12 @@ if TYPE_CHECKING:
 
     from fastcoil.base.progress import Advance
 
+with_folder = click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+
 
 @click.command()
 @click.argument("study", type=PATH)
-@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@with_folder
 @click.option("-j", "--jobs", type=int, help="Number of workers; all cores by default.  Does not affect results.")
 @click.option("--backend", default="threads", show_default=True, help="threads, loky (processes) or dask.")
 @click.option("--scheduler", help="Address of the scheduler of a dask cluster.")
@@ -224,9 +227,7 @@ def parameters(names: tuple[str, ...]) -> None:
 @click.command()
 def presets() -> None:
     """List the presets and how they differ from the defaults."""
-    from fastcoil.loops.presets import PRESETS
-
-    say(*repr(PRESETS).split("\n"))
+    say(*repr(fc.presets()).split("\n"))
 
 
 _WIDTHS = 40.0, 500.0  # allowed range in mm
@@ -372,14 +373,13 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
     from fastcoil.base.figures import FORMATS
-    from fastcoil.design.explain import explain as explained
     from fastcoil.study.maintenance import one_scenario
 
     if out is not None:
         require_file("-o", out, *(f".{form}" for form in FORMATS))
     scenario = one_scenario(target, labels_of(at), pairs("--set", changes))
     announce_compilation()
-    found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
+    found = fc.explain(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
     write_found(found, out, report)
 
@@ -389,7 +389,7 @@ CHOSEN = "tuning.toml"
 
 @click.command()
 @click.argument("study", type=PATH)
-@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@with_folder
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
 @with_report
 def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -> None:
