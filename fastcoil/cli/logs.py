@@ -206,14 +206,13 @@ def join(
         time_format = check.unless_none(time_format_of, "--time-format", time_format)
         time_zone = check.unless_none(time_zone_of, "--time-zone", time_zone)
         check(_require_new, out)
-    joined = join_points(
+    text, notes = join_points(
         files, columns=pairs("--column", columns), units=pairs("--unit", units), time_format=time_format,
         time_zone=time_zone, step=step, max_gap=max_gap,
     )  # fmt: skip
     _require_new(out)
-    commit(out, joined.text.encode())
-    say(*joined.notes)
-    say(f"Joined:  {out}")
+    commit(out, text.encode())
+    say(*notes, f"Joined:  {out}")
 
 
 def _require_new(out: Path) -> None:

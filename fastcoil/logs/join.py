@@ -186,13 +186,6 @@ def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
     return Table(table.name, header, cells, [rows[time] for time in clock.tolist()], notes=said)
 
 
-class Joined(NamedTuple):
-    """A table as the text of a CSV file, and how it was made."""
-
-    text: str
-    notes: list[str]
-
-
 def join_points(
     paths: Sequence[Path],
     *,
@@ -202,8 +195,8 @@ def join_points(
     time_zone: str | None = None,
     step: float | None = None,
     max_gap: float | None = None,
-) -> Joined:
-    """One table of the points of several files, on a common clock.
+) -> tuple[str, list[str]]:
+    """The points of several files on a common clock, as the text of a CSV file, and how it was made.
 
     Points that are written when they change hold until the next change, and so do commands, set-points and switches;
     others run straight between samples.  The clock runs while all points have values.
@@ -215,7 +208,15 @@ def join_points(
     """
     how = Reading(columns=columns, units=units, time_format=time_format, has_command=True)
     points, notes = _of_files(paths, how, time_zone)
-    _question_units(points, how)
+    values, declared = {one.name: one.values for one in points}, {one.name: one.unit for one in points}
+    found = misread_units(values, declared, how.units)
+    problems = [
+        f"{one.file}: {one.name} is declared in {one.unit}, and {looks_like(found[one.name])}: write "
+        f"'[{found[one.name]}]' in the header; if {one.unit} is right, say so: {how.unit_cure(one.name, one.unit)}"
+        for one in points
+        if one.name in found
+    ]
+    refuse(problems)
     points = [point._replace(unit=COLUMNS[point.name].unit) for point in points]
     points.sort(key=lambda point: list(COLUMNS).index(point.name))
     files = {point.clock: point.file for point in points}
@@ -228,20 +229,7 @@ def join_points(
     clock, lines, of_clock = _on_clock(points, _clock(points, step), max_gap, _DIGITS)
     usual = float(np.median(np.diff(clock))) / SECOND
     said = [*notes, *of_clock, f"{counted(clock.size, 'row')}, {usual:.4g} s apart"]
-    return Joined("\n".join(map(",".join, lines)) + "\n", said)
-
-
-def _question_units(points: Sequence[Point], how: Reading) -> None:
-    """Refuse points whose numbers contradict the unit in their file, alone or beside each other."""
-    values, units = {one.name: one.values for one in points}, {one.name: one.unit for one in points}
-    found = misread_units(values, units, how.units)
-    problems = [
-        f"{one.file}: {one.name} is declared in {one.unit}, and {looks_like(found[one.name])}: write "
-        f"'[{found[one.name]}]' in the header; if {one.unit} is right, say so: {how.unit_cure(one.name, one.unit)}"
-        for one in points
-        if one.name in found
-    ]
-    refuse(problems)
+    return "\n".join(map(",".join, lines)) + "\n", said
 
 
 def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tuple[list[Point], list[str]]:

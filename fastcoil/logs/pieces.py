@@ -11,7 +11,7 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import Reading
 from fastcoil.logs.series import counted
-from fastcoil.logs.table import Table
+from fastcoil.logs.table import TURNED, Table
 from fastcoil.logs.timestamps import Stamps, read_stamps
 
 _LEAST_STEP = 0.999
@@ -101,7 +101,8 @@ def read_times(table: Table, column: int, how: Reading) -> Stamps:
         raise InputError(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
     steps = np.diff(stamps.microseconds[stamps.good])
     if (steps < 0).any() and (steps <= 0).all():
-        table.turn_round()
+        table.take(range(len(table.rows))[::-1])
+        table.notes.append(TURNED)
         stamps = stamps._replace(microseconds=stamps.microseconds[::-1], good=stamps.good[::-1])
     return stamps
 

@@ -289,7 +289,7 @@ def fill_or_cut(
     kept = ~np.any(list(bad.values()), axis=0)
     if kept.all():
         return known, time
-    table.keep(kept)
+    table.take(np.flatnonzero(kept).tolist())
     if len(table.rows) < 2:
         raise InputError(f"{table.name}: fewer than two rows are left: mend the log ({'; '.join(readings.notes)})")
     return {name: values[kept] for name, values in known.items()}, time[kept]

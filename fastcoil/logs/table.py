@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fastcoil.base.arguments import refuse
-from fastcoil.base.arrays import Mask
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD, is_datum, is_missing, is_value
@@ -69,8 +68,11 @@ def _separator_of(text: str) -> str:
 def _header_index(rows: Sequence[list[str]]) -> int:
     """Index of the header: the row of names with most data below it before the next such row; 0 if there is none."""
     named = [k for k, row in enumerate(rows) if _may_be_header(row) and _has_data_below(rows, k)]
-    if not named or any(_is_data(row) for row in rows[: named[0]]):
-        return 0  # rows of data in another order are no remarks
+    for row in rows[: named[0]] if named else ():  # rows of data in another order are no remarks
+        if len(row) > 1 and all(_has_data(cell) or is_missing(cell) for cell in row[:_MOST_LOOKED_AT]):
+            return 0
+    if not named:
+        return 0
     ends = [*named[1:], len(rows)]
     best = max(zip(named, ends, strict=True), key=lambda run: run[1] - run[0])[0]
     return next(k for k in named if {*filter(None, rows[k])} & {*rows[best]})  # the same header may come again
@@ -100,12 +102,6 @@ def _has_data_below(rows: Sequence[list[str]], k: int) -> bool:
 
 def _has_data(cell: str) -> bool:
     return is_datum(cell) or is_time(cell)
-
-
-def _is_data(row: Sequence[str]) -> bool:
-    """Whether every cell, of two at least, holds a number or a time, or says that it has none."""
-    cells = row[:_MOST_LOOKED_AT]
-    return len(cells) > 1 and all(_has_data(cell) or is_missing(cell) for cell in cells)
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:
@@ -369,17 +365,10 @@ class Table:
             if name not in known
         ]
 
-    def turn_round(self) -> None:
-        """Put the rows, whose newest is first, in the order of time."""
-        self.rows.reverse()
-        self.row_numbers.reverse()
-        self.notes.append(TURNED)
-
-    def keep(self, kept: Mask) -> None:
-        """Cut the rows that are not ``kept``, (n_rows,)."""
-        index = np.flatnonzero(kept).tolist()
-        self.rows = [self.rows[i] for i in index]
-        self.row_numbers = [self.row_numbers[i] for i in index]
+    def take(self, rows: Iterable[int]) -> None:
+        """Keep these rows, in this order."""
+        kept = list(rows)
+        self.rows, self.row_numbers = [self.rows[i] for i in kept], [self.row_numbers[i] for i in kept]
 
 
 _TIMES = ("elapsed_time", "timestamp", "time")

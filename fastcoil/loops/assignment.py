@@ -241,21 +241,16 @@ def assigned(
     """Apply ``changes``; all of their mistakes are reported together.  Returns the values and the rules known."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
-    try:
+    with collecting(problems):
         changes, rules = _with_rules(values, known, changes)
         values, known = with_defaults(values, known, rules), rules
-    except InputError as error:
-        problems += error.problems
-        changes = {n: v for n, v in changes.items() if n not in KINDS}
-    try:
+    refused = {WORD, *(KINDS if problems else ())}
+    with collecting(problems):
         changes = expanded(changes)
-    except InputError as error:
-        problems += error.problems
-        changes = {n: v for n, v in changes.items() if n != WORD}
     table = table_of(known)
-    for name, value in changes.items():
+    for name in [name for name in changes if name not in refused]:
         with collecting(problems):
-            checked[name] = checked_value(table[check_name(name, table)], value)
+            checked[name] = checked_value(table[check_name(name, table)], changes[name])
     for stand_ins, replaced in _ALTERNATIVES:
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:
@@ -322,12 +317,3 @@ def _check_axes(values: Mapping[str, Any]) -> None:
             counted = f"{shown(labels.tolist())} along {dim!r} where {bare[0]} counts from 0"
             problems.append(f"{name} has the labels {counted}: give {name} in that order, or without labels")
     refuse(problems)
-
-
-def words_of(values: Mapping[str, Any], kind: str) -> set[str]:
-    """The estimators, or the laws, that some scenario of these parameters has."""
-    value = values.get(kind)
-    if value is None:
-        learns = bool(np.any(np.asarray(values["learning_step"]) > 0.0))
-        return {"learner"} if learns else {"none"}
-    return set(np.unique(np.asarray(value)).tolist())

@@ -19,20 +19,15 @@ from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs.series import COLUMNS, DIFFERENCE, FRACTION, PRESSURE, TEMPERATURE, TIME, WATER_FLOW, Units, spelled
 from fastcoil.logs.timestamps import offset_text
 
-_HEAT_CAPACITY: Units = {"kJ K-1": (1.0, 0.0), "kJ/K": (1.0, 0.0), "J K-1": (1e-3, 0.0), "J/K": (1e-3, 0.0)}
-_SPECIFIC_HEAT: Units = {
-    "kJ kg-1 K-1": (1.0, 0.0),
-    "kJ/(kg K)": (1.0, 0.0),
-    "J kg-1 K-1": (1e-3, 0.0),
-    "J/(kg K)": (1e-3, 0.0),
-}
-_GAIN: Units = {"K-1": (1.0, 0.0), "1/K": (1.0, 0.0), "%/K": (0.01, 0.0), "percent/K": (0.01, 0.0)}
-_RATE: Units = {"s-1": (1.0, 0.0), "1/s": (1.0, 0.0), "1/min": (1 / 60, 0.0), "%/s": (0.01, 0.0)}
-_FREQUENCY: Units = {"rad s-1": (1.0, 0.0), "rad/s": (1.0, 0.0), "Hz": (2.0 * np.pi, 0.0)}
-_FAMILIES = (
-    *(FRACTION, TIME, TEMPERATURE, DIFFERENCE, WATER_FLOW, PRESSURE),
-    *(_HEAT_CAPACITY, _SPECIFIC_HEAT, _GAIN, _RATE, _FREQUENCY),
+_SCALES = (
+    {"kJ K-1": 1.0, "kJ/K": 1.0, "J K-1": 1e-3, "J/K": 1e-3},
+    {"kJ kg-1 K-1": 1.0, "kJ/(kg K)": 1.0, "J kg-1 K-1": 1e-3, "J/(kg K)": 1e-3},
+    {"K-1": 1.0, "1/K": 1.0, "%/K": 0.01, "percent/K": 0.01},
+    {"s-1": 1.0, "1/s": 1.0, "1/min": 1 / 60, "%/s": 0.01},
+    {"rad s-1": 1.0, "rad/s": 1.0, "Hz": 2.0 * np.pi},
 )
+_OF_PARAMETERS = [{unit: (scale, 0.0) for unit, scale in family.items()} for family in _SCALES]
+_FAMILIES = (FRACTION, TIME, TEMPERATURE, DIFFERENCE, WATER_FLOW, PRESSURE, *_OF_PARAMETERS)
 _UNITS = {next(iter(units)): units for units in _FAMILIES}
 
 

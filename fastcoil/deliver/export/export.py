@@ -4,6 +4,7 @@ import os
 import re
 from pathlib import Path
 from textwrap import wrap
+from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from fastcoil.base.files import commit, exists, has_mark, require_file
 from fastcoil.base.machine import VERSION
 from fastcoil.deliver.export.controller import Controller, templates
 from fastcoil.deliver.export.fmu import fmu
-from fastcoil.deliver.export.languages import InC, InST, plcopen, st_number
+from fastcoil.deliver.export.languages import InC, InST, st_number
 from fastcoil.deliver.export.printer import Laws
 from fastcoil.deliver.export.vectors import Vectors, cycles, vectors_of
 from fastcoil.loops.loop import Loop
@@ -110,7 +111,8 @@ def _files(path: Path, language: str, text: str, vectors: Vectors, controller: C
     elif language == "fmu":
         code = fmu(controller, text, name, vectors)
     elif language == "plcopen":
-        code = plcopen(InST(Laws(text), name), name)
+        template = templates().get_template("plcopen.xml.jinja")
+        code = template.render(name=name, block=InST(Laws(text), name), escape=escape, version=VERSION)
     else:
         code = InST(Laws(text), name).text()
         n = min(FIRST_VECTORS, vectors.size)
