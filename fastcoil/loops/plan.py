@@ -139,10 +139,6 @@ class Plan:
     def boundary_bytes(self) -> int:
         return len(self.days) * self.n_steps * 8 * len(DAY_COLUMNS)
 
-    def memory_bytes(self) -> int:
-        """Most memory that ``simulate`` takes: measured, five times the metrics and twice the traces."""
-        return 5 * self.metric_bytes + 3 * self.trace_bytes
-
     def memory_of_run(self, n_jobs: int, backend: str, *, traces_kept: bool = True) -> tuple[int, int]:
         """Most memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
@@ -166,25 +162,6 @@ class Plan:
         """
         of_shards = sum(self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names)
         return 3 * self.metric_bytes + (3 if self.carry_over else 2) * of_shards * traces_kept
-
-    def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
-        """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.
-
-        A shard is a contiguous range of ``todo`` of whole blocks.  It may span days, a block does not: a day with one
-        scenario is a block too.  Returns flat indices, ascending.
-        """
-        todo = np.arange(self.n_scenarios) if todo is None else todo
-        day = todo // self.n_a_day
-        in_day = np.arange(todo.size) - np.searchsorted(day, day)
-        edges = np.append(np.flatnonzero(in_day % LANES == 0), todo.size)  # where a block starts, and the end
-        most_blocks, most_scenarios = self.shard_limits(n_jobs, edges.size - 1)
-        shards, first = [], 0
-        while first < edges.size - 1:
-            within = int(np.searchsorted(edges, edges[first] + most_scenarios, side="right")) - 1
-            end = max(first + 1, min(first + most_blocks, within, edges.size - 1))
-            shards.append(todo[edges[first] : edges[end]])
-            first = end
-        return shards
 
     def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
         """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
@@ -253,7 +230,8 @@ def plan_simulation(
     commands = commands_of(command, boundary)
     days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
-    check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
+    in_memory = 5 * plan.metric_bytes + 3 * plan.trace_bytes  # what simulate takes at most, measured
+    check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else in_memory, plan.n_scenarios)
     check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
     seconds = boundary.n_steps * (len(days) if carry_over else 1)
     check_test_times(layout.loop, seconds, closed=commands is None)
@@ -351,10 +329,24 @@ class Share:
 
 
 def shards_of(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> list[Shard]:
-    """The shards of the scenarios ``todo``: flat indices, ascending; all by default."""
-    if not plan.carry_over:
-        return [Shard(index) for index in plan.shards(n_jobs, todo)]
+    """The shards of the scenarios ``todo``, flat indices, ascending, all by default: enough to keep all workers busy.
+
+    Of independent days a shard is a contiguous range of ``todo`` of whole blocks.  It may span days, a block does not:
+    a day with one scenario is a block too.
+    """
     of, todo = plan.n_a_day, np.arange(plan.n_scenarios) if todo is None else todo
+    if not plan.carry_over:
+        day = todo // of
+        in_day = np.arange(todo.size) - np.searchsorted(day, day)
+        edges = np.append(np.flatnonzero(in_day % LANES == 0), todo.size)  # where a block starts, and the end
+        most_blocks, most_scenarios = plan.shard_limits(n_jobs, edges.size - 1)
+        shards, start = [], 0
+        while start < edges.size - 1:
+            within = int(np.searchsorted(edges, edges[start] + most_scenarios, side="right")) - 1
+            stop = max(start + 1, min(start + most_blocks, within, edges.size - 1))
+            shards.append(Shard(todo[edges[start] : edges[stop]]))
+            start = stop
+        return shards
     first, end = np.full(of, len(plan.days)), np.zeros(of, dtype=np.int64)
     np.minimum.at(first, todo % of, todo // of)
     np.maximum.at(end, todo % of, todo // of + 1)
