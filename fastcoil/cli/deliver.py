@@ -122,9 +122,7 @@ def export(
         options = {"--csv": csv, "--metric": metrics, "--at": at}
         tables = [option for option, given in options.items() if given]
         if tables:
-            raise InputError(
-                f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: give the folder of a study"
-            )
+            raise InputError(f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: leave it out")
         export_code(path, language, out, has_test)
         return
     if language or has_test:

@@ -14,18 +14,6 @@ from fastcoil.cli.arguments import PATH
 from fastcoil.cli.terminal import announce_compilation, say
 
 _LOOP = {"backlash": 0.09, "kp": 0.03, "ti": 15.0}
-_STUDY = """title = "Which estimate of a gap of 9 % helps, and with which Ti?"
-[loop]
-preset = "lbnl"
-backlash = 0.09
-kp = 0.03
-[sweep]
-estimate_ratio = [0.0, 0.6, 0.8, 0.95, 1.1]
-ti = [15.0, 30.0, 60.0, 120.0]
-[boundary]
-hours = 8
-seed = [1, 2, 3, 4, 5]
-"""
 _COMMANDS = (
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
     (
@@ -53,7 +41,7 @@ def demo(context: click.Context, folder: Path | None) -> None:
             stack.enter_context(chdir(place))
         announce_compilation()
         commit(Path("log.csv"), _log().encode())
-        commit(Path("sweep.toml"), _STUDY.encode())
+        commit(Path("sweep.toml"), Path(__file__).with_name("demo.toml").read_bytes())
         main = context.find_root().command
         for question, command in _COMMANDS:
             say("", f"# {question}", f"$ {command}")

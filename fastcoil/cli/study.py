@@ -301,10 +301,8 @@ def _figure(
     if by is None and unlike:
         by, *unlike = unlike
     if unlike:
-        raise InputError(
-            f"{unlike[0]}: the plain PI and other controllers would be pooled in one median: select one with --at "
-            f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
-        )
+        which = f"select one with --at {unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
+        raise InputError(f"{unlike[0]}: a plain PI would be pooled with other controllers in one median: {which}")
     shown = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
     return partial(plots.panels, part, x, y, by, shown, width)
 
@@ -407,9 +405,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     n_jobs, folder = workers(jobs), out or default_folder(study)
     asked = read_study(study, prepare=run_own_code).tuning
     if asked is None:
-        raise InputError(
-            f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1], ti = [5, 600] }}"
-        )
+        raise InputError(f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}")
     announce_compilation()
     with interruptible(study, folder, "tune"), hold(folder):
         with Shown() as shown:

@@ -263,13 +263,6 @@ class Option(NamedTuple):
     chatters: bool = False
 
 
-def options_of(cures: xr.Dataset) -> list[Option]:
-    """The options that ``try_cures`` tried."""
-    cures = cures.assign(error=cures["rmse"].where(cures["status"] == STATUS_OK), hunts=cures["hunting"] > 0.0)
-    names = ("cure", "words", "error", "motor_travel", "hunts", "margin", "chatters")
-    return [Option(*row) for row in zip(*(cures[name].values.tolist() for name in names), strict=True)]
-
-
 class Advice(NamedTuple):
     """Which option to take, 0 for none, and the sentences that say so."""
 
@@ -371,14 +364,13 @@ LOST = 0.5
 
 
 def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice]:
-    """Try what may help, and gains that only simulation finds where no others stop the hunting.
-
-    prediction: see ``cures_of``.  Returns ``try_cures`` with ``verdict``, and what to do.
-    """
+    """``try_cures`` with ``verdict``, also gains that only simulation finds where no others help; and what to do."""
     cures = cures_of(trial.loop, prediction, has_theory=trial.prediction is not None)
     ds = try_cures(trial, cures)
     if ds["hunting"][0] and not (ds["hunting"] == 0.0)[np.isin(ds["cure"], GAINS)].any():
         ds = try_cures(trial, with_simulated_gains(trial, cures))
-    options = options_of(ds)
+    tried = ds.assign(error=ds["rmse"].where(ds["status"] == STATUS_OK), hunts=ds["hunting"] > 0.0)
+    names = ("cure", "words", "error", "motor_travel", "hunts", "margin", "chatters")
+    options = [Option(*row) for row in zip(*(tried[name].values.tolist() for name in names), strict=True)]
     ds = ds.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
     return ds, advise(options, holds=not ds["share_off"][0] > LOST, least=SEEN)

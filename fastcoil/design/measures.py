@@ -84,9 +84,7 @@ def goal_of(objective: object, quantile: object) -> Measure:
     """The measure that the search makes small."""
     metric = choice_of("objective", objective, COUNTED)
     if metric in NO_GOALS:
-        raise InputError(
-            f"objective = {shown(metric)}: less of it is not better; choose another, such as {', '.join(_ANSWERS)}"
-        )
+        raise InputError(f"objective = {shown(metric)}: less of it is not better; choose {' or '.join(_ANSWERS)}")
     return Measure(metric, quantile_of("quantile", quantile))
 
 

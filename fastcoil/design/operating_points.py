@@ -125,10 +125,8 @@ def require_one_gap(boundary: Boundary) -> None:
     low, high = boundary.extremes["backlash_scale"]
     if not low == high == 1.0:
         found = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
-        raise InputError(
-            f"backlash_scale {found}: theory knows a gap of one size; give the boundary without "
-            "it, boundary.assign(backlash_scale=1), and the backlash that you mean"
-        )
+        cure = "give boundary.assign(backlash_scale=1), and the backlash that you mean"
+        raise InputError(f"backlash_scale {found}: theory knows a gap of one size; {cure}")
 
 
 def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
@@ -173,16 +171,12 @@ SHORTEST = 300
 
 
 class PointsOfDay(NamedTuple):
-    """Operating points of a day, in the order of time.
+    """Operating points of a day, in the order of time."""
 
-    start, seconds: (n,) first second, and how many the point stands for.  conditions: name → (n,) means.
-    of_second: (n_steps,), number of the point that a second belongs to; -1 for none.
-    """
-
-    start: Index
-    seconds: Index
-    conditions: dict[str, Array]
-    of_second: Index
+    start: Index  # first second, (n,)
+    seconds: Index  # how many the point stands for, (n,)
+    conditions: dict[str, Array]  # means, (n,) each
+    of_second: Index  # number of the point that a second belongs to, -1 for none, (n_steps,)
 
     @property
     def size(self) -> int:

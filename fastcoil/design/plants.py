@@ -45,10 +45,7 @@ def _last_ratio(changes: Array) -> Array:
 
 
 def _continued(response: Array, more: int) -> tuple[Array, Array]:
-    """The responses and ``more`` seconds behind their end, and the ratio of successive changes there, (n, 1).
-
-    Geometric: each change behind the end is the one before it times the ratio.
-    """
+    """The responses and ``more`` seconds behind their end, as a geometric series, and its ratio, (n, 1)."""
     changes = np.diff(response, axis=1, prepend=0.0)
     ratio = _last_ratio(changes)[:, None]
     tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)

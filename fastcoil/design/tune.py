@@ -181,10 +181,7 @@ def _dataset(dim: str, asked: Asked, values: Array, found: Mapping[str, Array]) 
 
 
 class Scores(NamedTuple):
-    """What is compared, (n,) each.
-
-    By how much the limits are broken, and those but that of the travel; the goal; error and travel of the front.
-    """
+    """What is compared, (n,): limits broken, and those but of the travel; the goal; error, travel of the front."""
 
     violation: Array
     other_violation: Array

@@ -20,7 +20,7 @@ from fastcoil.logs.columns import Reading, Wanted, find_columns, meaning_of
 from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
 from fastcoil.logs.plausibility import looks_like, misread_units
 from fastcoil.logs.readings import left_out, read_columns
-from fastcoil.logs.series import COLUMNS, TIMES, counted, is_unit
+from fastcoil.logs.series import COLUMNS, NAMES, TIMES, counted, is_unit
 from fastcoil.logs.table import TURNED, Table, label_and_unit, letters_of
 from fastcoil.logs.timestamps import MICROSECONDS, MINUTE, SECOND, Stamps, in_zone, offset_text
 
@@ -38,19 +38,15 @@ class Source(NamedTuple):
 
 
 class Point(NamedTuple):
-    """One point: its name among ``COLUMNS``, its times (µs since 1970, ascending) and values in our unit, (n,) each.
+    """One point of a building."""
 
-    unit: in which it was logged.  clock: ``UTC`` where the times are absolute; else the name of the zone beside them,
-    blank without one.  offset: by which the clock that wrote absolute times is ahead [µs].  file: where it is from.
-    """
-
-    name: str
-    times: Index
-    values: Array
-    unit: str
-    clock: str
-    offset: int
-    file: str
+    name: str  # among ``COLUMNS``
+    times: Index  # µs since 1970, ascending, (n,)
+    values: Array  # in our unit, (n,)
+    unit: str  # in which it was logged
+    clock: str  # ``UTC`` where the times are absolute, else the name of the zone beside them, or blank
+    offset: int  # by which the clock that wrote absolute times is ahead, µs
+    file: str  # where it is from
 
     @property
     def is_regular(self) -> bool:
@@ -58,11 +54,7 @@ class Point(NamedTuple):
         return not may_be_of_changes(np.diff(self.times) / SECOND)
 
 
-_POINT = (
-    "point", "pointname", "pointid", "name", "namepathreference", "objectname", "object", "tag", "tagname", "id", "dis",
-    "navname", "variable", "series", "signal", "metric", "trend", "trendname", "brick", "brickclass", "class",
-)  # fmt: skip
-_VALUE, _UNIT = ("value", "val", "objectvalue", "presentvalue", "pointvalue", "reading"), ("unit", "units", "uom")
+_POINT, _VALUE, _UNIT = (NAMES["headers"][kind].split() for kind in ("point", "value", "unit"))
 """Headers of columns in a log that has a row for each value, as ``letters_of`` gives them."""
 
 
@@ -222,10 +214,8 @@ def join_points(
     files = {point.clock: point.file for point in points}
     if len(files) > 1:
         clocks = ", ".join(f"{file} {clock or 'none'}" for clock, file in files.items())
-        raise InputError(
-            f"the files have different time zones ({clocks}): export all alike, or give the zone of times without a "
-            "UTC offset, such as --time-zone America/New_York"
-        )
+        cure = "export all alike, or give the zone of the others, such as --time-zone America/New_York"
+        raise InputError(f"the files have different time zones ({clocks}): {cure}")
     clock, lines, of_clock = _on_clock(points, _clock(points, step), max_gap, _DIGITS)
     usual = float(np.median(np.diff(clock))) / SECOND
     said = [*notes, *of_clock, f"{counted(clock.size, 'row')}, {usual:.4g} s apart"]
@@ -306,9 +296,7 @@ def _on_clock(
     values, good_of, said = zip(*(_at_times(point, clock, max_gap) for point in points), strict=True)
     good, notes = np.all(good_of, axis=0), list(said)
     if good.sum() < 2:
-        raise InputError(
-            "fewer than two rows are left where every point has a value: raise --max-gap, or leave one out"
-        )
+        raise InputError("every point has a value in fewer than two rows: raise --max-gap, or leave one out")
     if not good.all():
         notes.append(f"{counted(~good, 'row')} of {good.size:,} left out: a point has no sample within its longest gap")
     offsets = {point.offset for point in points}

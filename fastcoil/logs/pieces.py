@@ -28,10 +28,8 @@ def require_whole_seconds(name: str, step: float) -> None:
 def require_span(name: str, seconds: float, cure: str = "cut the log") -> None:
     """Refuse a record that would fill the memory on 1-s steps; ``seconds``: from its first to its last."""
     if seconds > MOST_SECONDS:
-        raise InputError(
-            f"{name} lasts {seconds:,.0f} s from the first row to the last: at most {MOST_SECONDS:,} s can be read, "
-            f"check the unit of the time, or {cure}"
-        )
+        most = f"at most {MOST_SECONDS:,} s can be read, check the unit of the time, or {cure}"
+        raise InputError(f"{name} lasts {seconds:,.0f} s from the first row to the last: {most}")
 
 
 def at_seconds(

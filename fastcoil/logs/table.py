@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.base.arguments import refuse
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.arguments import choice_of, collecting, refuse
+from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD, is_datum, is_missing, is_value
 from fastcoil.logs.series import TIME, counted, is_unit
@@ -203,24 +203,18 @@ def _without_brackets(text: str) -> tuple[str, str | None]:
 
 @dataclass
 class Table:
-    """The cells of a log, and the mistakes found in it so far.
+    """The cells of a log, and the mistakes found in it so far."""
 
-    name: of the file, for messages.  rows: without the header.  row_numbers: of each row in the file.  units: the cells
-    of a row of units below the header; None if there is none.  separator: of the columns in the file.  notes: how it
-    was read.  unit_cure: how to declare the ``unit`` of a column in the log itself, given its ``header``.  joined:
-    index of the column that has the cells of these headers now, which the file has and the table has not.
-    """
-
-    name: str
+    name: str  # of the file, for messages
     header: list[str]
-    rows: list[list[str]]
-    row_numbers: list[int]
+    rows: list[list[str]]  # without the header
+    row_numbers: list[int]  # of each row in the file
     problems: list[str] = field(default_factory=list)
-    unit_cure: str = "write '{header} [{unit}]' in the header"
-    units: list[str] | None = None
-    separator: str = ","
-    notes: list[str] = field(default_factory=list)
-    joined: dict[str, int] = field(default_factory=dict)
+    unit_cure: str = "write '{header} [{unit}]' in the header"  # how to declare a unit in the log itself
+    units: list[str] | None = None  # cells of a row of units below the header
+    separator: str = ","  # of the columns in the file
+    notes: list[str] = field(default_factory=list)  # how it was read
+    joined: dict[str, int] = field(default_factory=dict)  # index of the column that has the cells of these headers now
 
     @classmethod
     def read(cls, path: str | Path) -> Table:
@@ -264,10 +258,9 @@ class Table:
         if ragged:
             row, number = table.rows[ragged[0]], table.row_numbers[ragged[0]]
             more = f" ({len(ragged)} rows in total)" if len(ragged) > 1 else ""
-            table.problems.append(
-                f"row {number} has {counted(len(row), 'cell')} where the header has {width}{more}: begin the file with "
-                "the header, separate its cells as those of the rows, complete the row"
-            )
+            found = f"row {number} has {counted(len(row), 'cell')} where the header has {width}{more}"
+            cure = "begin the file with the header, separate its cells as those of the rows, complete the row"
+            table.problems.append(f"{found}: {cure}")
         table.stop_if_wrong()
         table._join_clock()
         table._merge_status()
@@ -358,12 +351,9 @@ class Table:
 
     def check_names(self, what: str, given: Iterable[str], known: Iterable[str]) -> None:
         """Every name ``given`` in the argument ``what`` that is not ``known`` is a problem."""
-        known = list(known)
-        self.problems += [
-            f"{what} has unknown {shown(name)}{nearest(name, known)}: use {', '.join(known)}"
-            for name in given
-            if name not in known
-        ]
+        for name in given:
+            with collecting(self.problems):
+                choice_of(what, name, [*known])
 
     def take(self, rows: Iterable[int]) -> None:
         """Keep these rows, in this order."""
@@ -404,9 +394,8 @@ def _columns_of(ds: xr.Dataset, asked: Mapping[str, str], names: Collection[str]
     """Header and values of the columns of a Dataset, the time first."""
     dims = [d for d in (*(asked.get(n, n) for n in _TIMES), *_TIMES) if d in ds.coords and ds[d].dims == (d,)]
     if not dims:
-        raise InputError(
-            "the Dataset has no coordinate elapsed_time, nor timestamp: give every variable one of them as dimension"
-        )
+        cure = "give every variable one of them as dimension"
+        raise InputError(f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}")
     time = dims[0]
     wanted = [str(n) for n in ds.data_vars if n in names or n in asked.values()]
     wrong = [name for name in wanted if ds[name].dims != (time,)]

@@ -76,10 +76,7 @@ def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
     problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop), *_test_clashes(loop)]
     widest, width = float(np.max(np.asarray(loop["error_dead_band"]))), float(np.max(T_set) - np.min(T_set))
     if ONE_SET_POINT <= width <= widest:
-        problems.append(
-            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
-            "move the valve, give less"
-        )
+        problems.append(f"error_dead_band = {widest:g} K: set-points within {width:g} K would not move the valve, give less")
     return problems
 
 
@@ -192,10 +189,7 @@ def _test_clashes(loop: Loop) -> Iterator[str]:
 
 
 def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
-    """Refuse a valve test that would end after the ``seconds`` that are simulated, or in a loop that is not closed.
-
-    Warn of one that would start after them.
-    """
+    """Refuse a valve test that ends after ``seconds``, or in an open loop; warn of one that starts after them."""
     if loop["test_start"] is None:
         return
     if not closed:
@@ -209,10 +203,8 @@ def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
         )
     ends = (starts + 60.0 * minutes).where(~late, 0.0)
     if (ends > seconds).any():
-        raise InputError(
-            f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s: start it "
-            "earlier, or give a longer day"
-        )
+        late_by = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
+        raise InputError(f"{late_by}: start it earlier, or give a longer day")
 
 
 def _is_changed(loop: Loop, name: str) -> bool:

@@ -102,19 +102,14 @@ def in_our_unit(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
 
 
 class Course(NamedTuple):
-    """What the labels of a series of 1-s samples say; None where they say nothing.
+    """What the labels of a series of 1-s samples say; None where they say nothing."""
 
-    n_steps, n_days: how many samples a day has, and how many days there are.  day: its labels, () or (n_days,).
-    second: ``elapsed_time`` of the first sample, s.  start: its date and time, () or (n_days,) datetime64[us].
-    time_zone: of ``start``; blank if that has none.
-    """
-
-    n_steps: int | None = None
+    n_steps: int | None = None  # samples of a day
     n_days: int | None = None
-    day: NDArray[Any] | None = None
-    second: float | None = None
-    start: NDArray[np.datetime64] | None = None
-    time_zone: str | None = None
+    day: NDArray[Any] | None = None  # labels, () or (n_days,)
+    second: float | None = None  # ``elapsed_time`` of the first sample, s
+    start: NDArray[np.datetime64] | None = None  # of the first sample, () or (n_days,), in µs
+    time_zone: str | None = None  # of ``start``; blank if that has none
 
 
 def course_of(name: str, array: xr.DataArray) -> Course:
@@ -158,9 +153,7 @@ def _seconds(name: str, along: xr.DataArray) -> Array:
 def _check_steps(name: str, steps: Array) -> None:
     wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
     if wrong.size:
-        raise InputError(
-            f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps (interpolate first)"
-        )
+        raise InputError(f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps")
 
 
 def differing(what: str, found: Mapping[str, Any], cure: str) -> list[str]:

@@ -15,8 +15,8 @@ from typing import Any
 import joblib
 import numpy as np
 
-from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.arguments import checking, choice_of, collecting, flag_of, instance_of, whole_of
+from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.base.files import exists, storage_errors
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.assignment import SERIES_HINT, SHORTEST_SERIES
@@ -38,9 +38,8 @@ def check_memory(needed: int, n_scenarios: int) -> None:
     """Refuse results of ``needed`` bytes that do not fit into memory."""
     available = available_memory()
     if needed > available:
-        raise InputError(
-            f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {gib(available)} are available: {_CURE}"
-        )
+        few = f"{gib(available)} are available"
+        raise InputError(f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {few}: {_CURE}")
 
 
 def check_workers(alone: int, each: int, n_jobs: int) -> None:
@@ -48,10 +47,8 @@ def check_workers(alone: int, each: int, n_jobs: int) -> None:
     available = available_memory()
     if alone + n_jobs * each > available:
         fit = (available - alone) // each
-        raise InputError(
-            f"{n_jobs} workers need {gib(alone + n_jobs * each)} of memory, {gib(available)} are available: "
-            + (f"use -j {fit}" if fit >= 1 else _CURE)
-        )
+        cure = f"{gib(available)} are available: " + (f"use -j {fit}" if fit >= 1 else _CURE)
+        raise InputError(f"{n_jobs} workers need {gib(alone + n_jobs * each)} of memory, {cure}")
 
 
 def check_disk(needed: int, folder: Path) -> None:
@@ -147,7 +144,11 @@ class Plan:
         reduced or for another process, which has Python, its libraries and the boundary too.
         """
         of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
-        largest = self._largest_shard(n_jobs)
+        if self.carry_over:
+            largest = min(self.lanes_of_sequence(n_jobs, self.n_a_day), self.n_a_day) * len(self.days)
+        else:
+            blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * -(-self.n_a_day // LANES))
+            largest = min(blocks * LANES, scenarios, self.n_scenarios)
         copies = 1 if traces_kept and backend == "threads" else 3
         each = (copies * of_scenario + _OF_PARAMETERS) * largest
         each += of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
@@ -178,13 +179,6 @@ class Plan:
         by_work = max(_FEWEST_BLOCKS, int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES)))
         by_size = _BYTES_PER_SHARD * self.n_a_day // (self.metric_bytes + self.trace_bytes)
         return max(1, min(LANES * min(-(-n_blocks // n_groups), by_work), by_size))
-
-    def _largest_shard(self, n_jobs: int) -> int:
-        """Number of scenarios."""
-        if self.carry_over:
-            return min(self.lanes_of_sequence(n_jobs, self.n_a_day), self.n_a_day) * len(self.days)
-        blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * -(-self.n_a_day // LANES))
-        return min(blocks * LANES, scenarios, self.n_scenarios)
 
 
 def plan_simulation(
@@ -218,10 +212,8 @@ def plan_simulation(
             if value.dims == (name,) and value.size == boundary.n_steps >= SHORTEST_SERIES
         ]
         if not check.problems and boundary.n_steps <= warm_up:
-            check.problems.append(
-                f"the {'first day' if carry_over else 'boundary'} lasts {boundary.n_steps} s, the warm-up "
-                f"{shown(warm_up)} s: nothing is left to count, give a longer {'day' if carry_over else 'boundary'}"
-            )
+            lasts = f"a day lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s"
+            check.problems.append(f"{lasts}: nothing is left to count, give longer days")
     layout = Layout(loop, boundary, replicates)
     with checking() as check:
         for rule in layout.loop.rules.values():
@@ -265,24 +257,20 @@ def _trace_problems(traces: object) -> list[str]:
     for name in traces:
         if name in BOUNDARY_SERIES:
             problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
-        elif name not in TRACES:
-            near = nearest(str(name), TRACES)
-            problems.append(f"traces: {shown(name)} is not a trace{near}; known: {', '.join(TRACES)}")
+        else:
+            with collecting(problems):
+                choice_of("traces", name, TRACES)
     return problems + [f"traces: {n} is listed twice" for n in TRACES if traces.count(n) > 1]
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Scenarios that one worker runs: of independent days any, of a sequence of days some lanes on all of them.
+    """Scenarios that one worker runs: of independent days any, of a sequence of days some lanes on all of them."""
 
-    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day.  Of a sequence
-    alone: first, the day from which on results are kept, and end, the day before which it ends.
-    """
-
-    lanes: np.ndarray
+    lanes: np.ndarray  # (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day
     of: int = 0
-    first: int = 0
-    end: int = 1
+    first: int = 0  # day of a sequence from which on results are kept
+    end: int = 1  # day before which a sequence ends
 
     @property
     def is_sequence(self) -> bool:

@@ -14,11 +14,7 @@ _POLYNOMIAL = ("m_max", "valve_a", "valve_b", "valve_c")  # the curve of a valve
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named loop.
-
-    ``values`` are the parameters in which it differs from the defaults, ``T_w_in`` the entering water that its coil is
-    meant for, degC.
-    """
+    """A named loop: the ``values`` that differ from the defaults, ``T_w_in``, degC, of the water of its coil."""
 
     name: str
     text: str

@@ -37,10 +37,7 @@ _PIECE = 0.5  # seconds; a long wait is cut into pieces
 
 
 def within(seconds: float | None, call: Callable[[], T]) -> T:
-    """Make a call, or raise TimeoutError if it takes longer; ``None``: wait for ever.
-
-    An abandoned call continues in a daemon thread.
-    """
+    """Make a call, or raise TimeoutError and leave it to a daemon thread if it takes longer; None: no limit."""
     found = _started(call)
     if seconds is None:
         _await([found])

@@ -16,7 +16,7 @@ from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.base.text import per_cent
 from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
-from fastcoil.measured.identify import GOOD, Identification
+from fastcoil.measured.identify import CANDIDATES, GOOD, Identification
 from fastcoil.measured.measures import STATES, SWINGS, headline_of
 
 if TYPE_CHECKING:
@@ -289,7 +289,7 @@ def profile_of(found: Identification) -> xr.Dataset:
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return xr.Dataset(
         {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
-        {"backlash": ("backlash", found.candidates, attrs)},
+        {"backlash": ("backlash", CANDIDATES, attrs)},
     )
 
 

@@ -22,7 +22,7 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
 from fastcoil.measured.fit import Fit, finished, profile_of
-from fastcoil.measured.fit_coil import in_operation, number_in, of_pieces, on_seconds, require_temperatures
+from fastcoil.measured.fit_coil import in_operation, of_pieces, on_seconds, require_temperatures
 from fastcoil.measured.identify import GOOD, TOLERANCE
 from fastcoil.measured.part import Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals, why_unidentified
@@ -223,7 +223,7 @@ class LoopProblem:
         data, found = self.data, []
         values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in")}
         values |= dict.fromkeys(("held", "straight"), data.values["command"])
-        values["W_a_in"] = data.humidity_ratio(number_in(self.loop, "pressure"))
+        values["W_a_in"] = data.humidity_ratio(self.loop["pressure"])
         for samples in unbroken(data.batch):
             if not self.compared[samples].any():
                 continue
@@ -262,10 +262,8 @@ class LoopProblem:
         both = (at >= width) & used[at] & used[earlier] & (batch[at] == batch[earlier])
         at, own = at[both], own[both]
         if at.size < _FEWEST_SAMPLES:
-            raise InputError(
-                f"{self.data.name}: {counted(at.size, 'change')} of T_sup over {_APART:g} s to compare: give at least "
-                f"{_FEWEST_SAMPLES}, in a log with fewer gaps"
-            )
+            seen = f"{counted(at.size, 'change')} of T_sup over {_APART:g} s"
+            raise InputError(f"{self.data.name}: {seen} to compare: give at least {_FEWEST_SAMPLES}, with fewer gaps")
         block = (self.data.since_batch()[at] // _BLOCK).astype(np.int64)
         first = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(own, prepend=-1))
         _, piece = np.unique(own[first], return_inverse=True)

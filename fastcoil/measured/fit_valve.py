@@ -132,11 +132,8 @@ def _in_order(data: Log) -> Log:
     """Refuse a log that is no record in time, before any work."""
     n_rows, n_pieces = data.time.size, data.n_batches
     if n_rows < _FEWEST_ROWS * n_pieces:
-        raise InputError(
-            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, each with a start of its own to be found: "
-            f"give at least {_FEWEST_ROWS} rows for each piece; where gaps cut the log, pass max_gap to bridge them, "
-            "where time goes back, sort the rows, oldest first"
-        )
+        cure = f"give at least {_FEWEST_ROWS} rows for each, pass max_gap to bridge gaps, sort the rows by time"
+        raise InputError(f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces: {cure}")
     return data
 
 

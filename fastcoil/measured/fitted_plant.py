@@ -80,7 +80,10 @@ def recover_pi(
         T, wanted, usable = temperature[at], T_set[at], good & good[at]
         usable[:late] = False
         if every > 1.2 * interval:
-            answers.append(_slower(command, T - wanted, changes, interval, every))
+            # a log at least as fine as the controller: a row for each few changes that are one sample apart each
+            one = np.abs(np.diff(changes) * interval - every) < max(interval, 0.5 * every) - HELD
+            fit = _best_pi(command, T - wanted, changes, one, np.cumsum(every * (T - wanted)[changes]))
+            answers.append(fit and fit.pi(every))
         else:
             between = interval * (0.5 * (T[1:] + T[:-1]) - wanted[:-1])
             answers.append(_faster(command, T - wanted, between, usable, interval, sample_time))
@@ -122,13 +125,6 @@ def _sample_time(command: Array, changes: Index, interval: float) -> float:
     return nice if abs(found - nice) < 0.05 * found and nice > 0.0 else found
 
 
-def _slower(command: Array, error: Array, changes: Index, interval: float, every: float) -> RecoveredPI | None:
-    """From a log at least as fine as the controller: a row for each few changes that are one sample apart each."""
-    one = np.abs(np.diff(changes) * interval - every) < max(interval, 0.5 * every) - HELD
-    fit = _best_pi(command, error, changes, one, np.cumsum(every * error[changes]))
-    return fit and fit.pi(every)
-
-
 def _between(
     command: Array, temperature: Array, T_set: Array, good: Mask, interval: float, every: float
 ) -> list[RecoveredPI]:
@@ -160,10 +156,7 @@ def _between(
 def _faster(
     command: Array, error: Array, between: Array, good: Mask, interval: float, given: float | None
 ) -> RecoveredPI | None:
-    """From a log as fine as the controller or coarser; ``between``: K s from each sample of it to the next.
-
-    The temperature runs straight between them, and the set-point holds.
-    """
+    """From a log as fine as the controller or coarser; ``between``: K s from each sample of it to the next."""
     both = good[1:] & good[:-1]
 
     def fit_of(sums: Array) -> _Fit | None:

@@ -76,19 +76,14 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
         )
     interval, is_regular = _rhythm(log, forward, same)
     if interval > _SLOWEST:
-        raise InputError(
-            f"{log.name}: what is left of the log has a sample every {interval:,.0f} s: give one with a sample every "
-            f"minute or faster ({left_out})"
-        )
+        raise InputError(f"{log.name}: a sample every {interval:,.0f} s is left: log every minute ({left_out})")
     tick = _ticks(log, interval)
     silent = int(np.ceil(_LONGEST_SILENCE / interval))
     cut = np.concatenate([[0], np.cumsum(np.where(same, 0, np.maximum(np.diff(tick) - silent, 0)))])
     at = tick - cut
     if at[-1] >= MOST_SAMPLES:
         days = MOST_SAMPLES * interval / DAY
-        raise InputError(
-            f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give the most telling {days:.0f} days or less"
-        )
+        raise InputError(f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give {days:.0f} days or less")
     grid = _filled(log, at, interval, is_regular, same)
     if is_regular:
         return _thinned(grid)

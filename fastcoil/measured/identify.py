@@ -217,8 +217,7 @@ class Identification(NamedTuple):
     high: float
     identified: bool  # whether the size is right, to 20 % of itself or 1 % of stroke, with 95 % probability
     reason: str  # why not; empty if identified
-    candidates: Array
-    probability: Array
+    probability: Array  # of each of ``CANDIDATES``
     late: float = 0.0
     """Seconds by which the temperatures of the log stand late beside the commands; they were moved back by that.
     Negative: the commands stand late, or their controller is slow to read; both were reckoned with."""
@@ -251,7 +250,7 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
     compared, doubt = [day for day in days if day.found], ""
     if not compared:
         nothing, reason = np.full(CANDIDATES.size, 1.0 / CANDIDATES.size), _most_frequent([day.doubt for day in days])
-        return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, CANDIDATES, nothing)
+        return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, nothing)
     many = len(compared) >= MANY_DAYS
     compared = [day._replace(doubt=day.doubt or _JUMPS) if day.is_jumpy and not many else day for day in compared]
     sound = [day for day in compared if not day.doubt]
@@ -428,7 +427,7 @@ def judged(
         reason = f"{sizes} explain the log: {cure}"
     elif not doubt and high >= CANDIDATES[-1]:
         reason = f"the gap may be {100 * high:.0f} % of the stroke or more, and larger ones are not looked for"
-    return Identification(backlash, low, high, not reason, reason, CANDIDATES, probability)
+    return Identification(backlash, low, high, not reason, reason, probability)
 
 
 def _interval(probability: Array) -> tuple[float, float]:

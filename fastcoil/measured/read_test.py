@@ -86,7 +86,10 @@ def read_test(
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     data = read_log(as_measured(source) if "T_sup" not in (columns or {}) else source, WANTED, how)
     grid, notes = on_grid(data)
-    grid, notes = _thinned(data.name, grid), [*data.notes, *notes]
+    if grid.interval > LONGEST_INTERVAL:
+        raise InputError(f"{data.name}: a sample every {grid.interval:.4g} s: log the test every 5 s, 15 s at most")
+    grid = grid.part(slice(None, None, max(1, round(ENOUGH / grid.interval))))  # which shows the gap as well
+    notes = [*data.notes, *notes]
     if stroke_time is None:
         stroke_time = USUAL_STROKE_TIME
         notes.append(f"the motor is taken to need {stroke_time:g} s for its stroke: give stroke_time if it is known")
@@ -122,15 +125,6 @@ def _between_of(name: str, value: Any) -> tuple[float, float]:
     if end <= start:
         raise InputError(f"{name} = {shown(value)}: the end is not after the start, {cure}")
     return start, end
-
-
-def _thinned(name: str, grid: Grid) -> Grid:
-    """A row every 10 s, which shows the gap as well as more do."""
-    if grid.interval > LONGEST_INTERVAL:
-        raise InputError(
-            f"{name}: a sample every {grid.interval:.4g} s: log the test every 5 s, {LONGEST_INTERVAL:g} s at most"
-        )
-    return grid.part(slice(None, None, max(1, round(ENOUGH / grid.interval))))
 
 
 def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, notes: list[str]) -> tuple[int, int]:

@@ -40,10 +40,7 @@ LOGS = np.array([False, True, True, True, False])
 
 
 def _settled(log: Log, fitting: Mask, notes: list[str]) -> Mask:
-    """Where the flow has settled after the last change of the command, (n,); ``fitting``: rows that say how long.
-
-    That is behind half of a typical hold; everywhere, if the command is not held.
-    """
+    """Where the flow has settled, (n,): half a typical hold after a change; everywhere if the command is not held."""
     command, step = log.values["command"], step_of(log, fitting)
     since, starts = np.zeros(command.size), [0]
     for t in range(1, command.size):
@@ -119,21 +116,16 @@ def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide
 
 
 class ValveSolution(NamedTuple):
-    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash.
-
-    sums: least sum of squares with the backlash held at each value of ``grid``, (n,).  limit: the sum below which the
-    95 % ``interval`` lies if errors of the flow are all that is wrong.  parts: the backlash of each part of the log;
-    where they differ by more than that explains, the interval is wider.
-    """
+    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash."""
 
     model: Model
     estimate: Estimate
     uncertainty: Uncertainty
     grid: Array
-    sums: Array
-    limit: float
-    parts: Array
-    interval: tuple[float, float]
+    sums: Array  # least sum of squares with the backlash held at each value of ``grid``, (n,)
+    limit: float  # of the sums, below which ``interval`` lies if errors of the flow are all that is wrong
+    parts: Array  # backlash of each part of the log; if they differ by more, ``interval`` is wider
+    interval: tuple[float, float]  # of 95 %
     without_backlash: Estimate
     is_m_max_given: bool
 
@@ -159,10 +151,8 @@ class ValveProblem:
         self.good = np.isfinite(self.flow) & ~off & at_rest & enabled
         to_fit = self.good & self.fitting
         if to_fit.sum() < FEWEST_SAMPLES:
-            raise InputError(
-                f"{data.name}: {counted(to_fit, 'flow')} left to fit: give at least {FEWEST_SAMPLES}, "
-                f"raise split, or give a longer log ({'; '.join(self.notes)})"
-            )
+            cure = f"give at least {FEWEST_SAMPLES}, or raise split ({'; '.join(self.notes)})"
+            raise InputError(f"{data.name}: {counted(to_fit, 'flow')} left to fit: {cure}")
         self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
         self.top = float(np.nanmax(self.flow[self.fitting]))

@@ -182,7 +182,7 @@ def test_files_that_cannot_be_joined_are_refused_with_the_cure(point):
     )
     assert "command is in two columns, 'command [%]' and 'command [%]'" in only_problem(joined, command, command)
     assert (
-        "columns has unknown 'T_supp', did you mean 'T_sup'?"
+        "columns = 'T_supp', did you mean 'T_sup'?"
         in problems(joined, command, other, columns={"T_supp": "VLV-1.csv"})[0]
     )
     assert "T_sup: there is no column 'SAT.csv'" in only_problem(joined, command, columns={"T_sup": "SAT.csv"})

@@ -40,10 +40,7 @@ class _Variable(NamedTuple):
 
 
 def fmu(controller: Controller, text: str, name: str, vectors: Vectors) -> bytes:
-    """The file, with the same bytes whenever the same compiler makes it.  text: the laws in Python.
-
-    Warns where there is no binary in it.
-    """
+    """The file, with the same bytes whenever the same compiler makes it; warns where there is no binary in it."""
     laws = Laws(text)
     variables = _variables(controller, laws, vectors)
     words = {

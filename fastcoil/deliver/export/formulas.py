@@ -155,7 +155,8 @@ class Formulas(ABC):
         yes, no = pair
         if isinstance(yes, dict):  # a tuple, by name or place
             return {n: self._merged(f"{name}_{n}", (one, no[n]), key, test, blocks) for n, one in yes.items()}
-        if yes.is_same(no) and self._is_steady(yes):
+        is_alike = repr(yes.value) == repr(no.value) and ast.unparse(yes.text) == ast.unparse(no.text)
+        if is_alike and self._is_steady(yes):
             return yes
         out = self._local(name, key)
         for block, value, truth in zip(blocks, pair, (True, False), strict=True):

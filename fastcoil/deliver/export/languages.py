@@ -91,10 +91,7 @@ _INTERMEDIATE = "VAR  (* Intermediate values. *)"
 
 
 class Unit(NamedTuple):
-    """A function or the function block.
-
-    returns: kind of its value, empty for the block.  variables: by what their declaration begins with.
-    """
+    """A function, or the block, which ``returns`` nothing; ``variables`` by what their declaration begins with."""
 
     name: str
     returns: str

@@ -15,24 +15,17 @@ from fastcoil.model.parameter_table import LARGEST
 
 @dataclass(frozen=True, eq=False)
 class Number:
-    """An expression; its kind is real, flag or whole.
-
-    value: where the loop decides it.  needs: flags that all hold where it is a number, and not NaN.
-    """
+    """An expression."""
 
     text: ast.expr
-    kind: str = "real"
-    value: Any = None
-    needs: frozenset[str] = frozenset()
+    kind: str = "real"  # or flag, or whole
+    value: Any = None  # where the loop decides it
+    needs: frozenset[str] = frozenset()  # flags that all hold where it is a number, and not NaN
 
     @property
     def is_nothing(self) -> bool:
         """Whether it is NaN."""
         return isinstance(self.value, float) and math.isnan(self.value)
-
-    def is_same(self, other: Number) -> bool:
-        """Whether another is written alike."""
-        return repr(self.value) == repr(other.value) and ast.unparse(self.text) == ast.unparse(other.text)
 
     @property
     def is_atom(self) -> bool:

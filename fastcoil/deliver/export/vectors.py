@@ -80,10 +80,7 @@ class Vectors:
 
 
 def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
-    """Answer a record of handling, replay others through the loop's controller, and simulate the loop on a day.
-
-    text: the laws in Python.
-    """
+    """Answer a record of handling, replay others through the loop's controller, and simulate the loop on a day."""
     lacks = {"estimate": controller.estimating is None, "integral_part": controller.deciding is not None}
     lacks |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.tests)
     lacks["m_a"] = not controller.sees_air
