@@ -100,30 +100,21 @@ _TOLERANCE = 1e-4
 
 
 class Plants(NamedTuple):
-    """Plants at rest, linearised; n loops.
+    """Plants at rest, linearised; n loops, (n,) each.
 
-    opening: (n,), fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it.
-    T_sup: (n,), °C, at rest there.
-    gain: (n,), K per unit opening, below 0 for cooling.  NaN, as the response, where T_sup jumps past the set-point: a
-        coil that exchanges less when it is wet than when it is dry has two states of rest.
-    reachable: (n,), whether an opening holds the set-point.
-    m_w: (n,), kg/s.
-    wet_volumes: (n,); a volume that is wet and dry by turns counts with the share of time in which it is wet.
-    response: (n, n_steps), K per unit opening: true T_sup at seconds 1 to n_steps after a small step of the opening at
-        second 0, long enough to settle.
-    same: (n,), loops with equal numbers have one and the same plant, 0 to the number of plants - 1.
-    curve: (n, 17), °C: T_sup at rest at each of OPENINGS.
+    Gain and response are NaN where T_sup jumps past the set-point: a coil that exchanges less when it is wet than when
+    it is dry has two states of rest.
     """
 
-    opening: Array
-    T_sup: Array
-    gain: Array
-    reachable: Mask
-    m_w: Array
-    wet_volumes: Array
-    response: Array
-    same: Index
-    curve: Array
+    opening: Array  # fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it
+    T_sup: Array  # °C, at rest there
+    gain: Array  # K per unit opening, below 0 for cooling
+    reachable: Mask  # whether an opening holds the set-point
+    m_w: Array  # kg/s
+    wet_volumes: Array  # one that is wet and dry by turns counts with the share of time in which it is wet
+    response: Array  # (n, n_steps), K per unit opening: true T_sup 1 to n_steps s after a small step, until it settles
+    same: Index  # loops with equal numbers have one and the same plant, 0 to the number of plants - 1
+    curve: Array  # (n, 17), °C: T_sup at rest at each of OPENINGS
 
     def some(self, members: Index) -> Plants:
         """Those of the loops ``members``."""

@@ -76,7 +76,8 @@ def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
     problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop), *_test_clashes(loop)]
     widest, width = float(np.max(np.asarray(loop["error_dead_band"]))), float(np.max(T_set) - np.min(T_set))
     if ONE_SET_POINT <= width <= widest:
-        problems.append(f"error_dead_band = {widest:g} K: set-points within {width:g} K would not move the valve, give less")
+        what = f"set-points within {width:g} K would not move the valve"
+        problems.append(f"error_dead_band = {widest:g} K: {what}, give less")
     return problems
 
 

@@ -50,15 +50,11 @@ class Cause(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What else is known of a loop.
+    """What else is known of a loop."""
 
-    identified: whether log or test resolves the backlash; if neither does, the model has to be clear.  measured:
-    whether it was a test, to which the plant was fitted as well.  own: whether the swing is known to be the loop's own.
-    """
-
-    identified: bool
-    measured: bool = False
-    own: bool = False
+    identified: bool  # whether log or test resolves the backlash; if neither does, the model has to be clear
+    measured: bool = False  # whether it was a test, to which the plant was fitted as well
+    own: bool = False  # whether the swing is known to be the loop's own
 
 
 def dies(measures: Measures, held_swing: float, held_for: float) -> bool:

@@ -276,12 +276,9 @@ class ValveReading(Result):
 class Advised(NamedTuple):
     """What to do about a loop."""
 
-    kp: float
-    """Gain to set, 1/K: that of now where it may stay, NaN where the log shows none."""
-    ti: float
-    """Integral time to set, s, likewise."""
-    reason: str
-    """What to do and what it brings, in a sentence."""
+    kp: float  # gain to set, 1/K: that of now where it may stay, NaN where the log shows none
+    ti: float  # integral time to set, s, likewise
+    reason: str  # what to do and what it brings, in a sentence
 
 
 def profile_of(found: Identification) -> xr.Dataset:
