@@ -19,8 +19,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, columns_of, coordinate_attrs
 from fastcoil.model.metric_table import WARM_UP
 
-ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-"""Series of the boundary that make an operating point."""
+ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")  # series of the boundary that make an operating point
 Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
 """Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
 _CHUNK = 2048  # points at a time: their responses take up to 60 MB
@@ -164,10 +163,8 @@ def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
     return {name: np.stack([day[name] for day in days]) for name in ENTERING}
 
 
-SAME_SET_POINT = 0.5
-"""Set-points of an hour that differ by less may count as one, K."""
-SHORTEST = 300
-"""Seconds that an hour must spend at a set-point before it counts as an operating point of its own."""
+SAME_SET_POINT = 0.5  # set-points of an hour that differ by less may count as one, K
+SHORTEST = 300  # seconds that an hour must spend at a set-point before it counts as an operating point of its own
 
 
 class PointsOfDay(NamedTuple):

@@ -91,10 +91,8 @@ Columns = Mapping[str, NDArray[Any]]
 
 PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
 """Parameters on which the plant depends, from the opening to the supply temperature."""
-LONGEST = 3600
-"""Seconds of the longest response; one that goes on does so as a geometric series."""
-OPENINGS = np.linspace(0.0, 1.0, 17)
-"""Openings of the curve of T_sup."""
+LONGEST = 3600  # seconds of the longest response; one that goes on does so as a geometric series
+OPENINGS = np.linspace(0.0, 1.0, 17)  # openings of the curve of T_sup
 _TOLERANCE = 1e-4
 """From where it stays this near to its end, as a fraction of the gain, a response is a geometric series."""
 

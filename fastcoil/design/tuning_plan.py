@@ -202,8 +202,7 @@ def plan_tuning(
 
 
 _MOST_CORNERS = 6  # axes of which all combinations of ends are looked at
-ONE_OF = 3
-"""One valve of so many is held out, and one day."""
+ONE_OF = 3  # one valve of so many is held out, and one day
 VALVE, TUNING = "sample", "tuning"
 """Dim of the population once its own dims are flattened; dim of the tunings that it is tried with."""
 
@@ -281,8 +280,7 @@ def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
     return points.dataset({MARGIN: (found[MARGIN], {})})[MARGIN]
 
 
-Changes = Mapping[str, tuple[str, Array]]
-"""Dim and values of parameters that change."""
+Changes = Mapping[str, tuple[str, Array]]  # dim and values of parameters that change
 
 
 def own_gains(group: Group, names: Sequence[str], warm_up: int) -> Changes:

@@ -25,8 +25,7 @@ from fastcoil.logs.table import TURNED, Table, label_and_unit, letters_of
 from fastcoil.logs.timestamps import MICROSECONDS, MINUTE, SECOND, Stamps, in_zone, offset_text
 
 _NO_POINTS = ("elapsed_time", "batch")
-POINTS = [name for name in COLUMNS if name not in _NO_POINTS]
-"""What a point may be."""
+POINTS = [name for name in COLUMNS if name not in _NO_POINTS]  # what a point may be
 _ROWS_LOOKED_AT = 1000  # A column without a value in them is one of remarks
 
 

@@ -15,8 +15,7 @@ from fastcoil.logs.table import TURNED, Table
 from fastcoil.logs.timestamps import Stamps, read_stamps
 
 _LEAST_STEP = 0.999
-MOST_SECONDS = 50_000_000
-"""Of a record on 1-s steps, 19 months: a few GB with its series."""
+MOST_SECONDS = 50_000_000  # of a record on 1-s steps, 19 months: a few GB with its series
 
 
 def require_whole_seconds(name: str, step: float) -> None:
@@ -47,8 +46,7 @@ def at_seconds(
     }
 
 
-LONG_STEP = 3.0
-"""Steps longer than this many median steps are gaps, but in a log of changes."""
+LONG_STEP = 3.0  # steps longer than this many median steps are gaps, but in a log of changes
 _REGULAR, _ABOUT = 0.6, 0.2  # steps are regular where more than this share of them is within so much of the median
 _SHORT_AND_LONG, _SPREAD = (0.1, 0.9), 4.0
 """They are uneven where they are not regular and these quantiles are so far apart: further than lost rows make them."""

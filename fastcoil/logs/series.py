@@ -19,11 +19,8 @@ from fastcoil.base.errors import InputError, nearest, shown
 Units: TypeAlias = Mapping[str, tuple[float, float]]
 """Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil."""
 
-STANDARD_AIR = 1.2
-"""Density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)."""
-
-WATER = 1000.0
-"""Density that turns a volume flow of water into a mass flow, kg/m3."""
+STANDARD_AIR = 1.2  # density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)
+WATER = 1000.0  # density that turns a volume flow of water into a mass flow, kg/m3
 
 _POUND, _FOOT, _GALLON = 0.45359237, 0.3048, 3.785411784e-3
 
@@ -183,10 +180,8 @@ COLUMNS: dict[str, Series] = {
 }
 """Every column that a log may have, except ``timestamp``."""
 
-TIMES = ("elapsed_time", "timestamp")
-"""A log gives its time in one of these columns."""
-HUMIDITIES = ("W_a_in", "RH_a_in", "T_dp_in")
-"""A log gives the humidity of the entering air in one of these columns."""
+TIMES = ("elapsed_time", "timestamp")  # a log gives its time in one of these columns
+HUMIDITIES = ("W_a_in", "RH_a_in", "T_dp_in")  # a log gives the humidity of the entering air in one of these columns
 
 
 def counted(what: Mask | int, noun: str) -> str:

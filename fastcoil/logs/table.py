@@ -36,8 +36,7 @@ _SAMPLE = 200  # rows from the start of a file among which the header is
 _MOST_LOOKED_AT = 50  # cells of a row
 _LAST = 20  # rows at the end of a file among which a footer may be
 _LONGEST_UNIT = 24
-Numbered = list[tuple[int, list[str]]]
-"""Rows that are not blank, with their numbers in the file."""
+Numbered = list[tuple[int, list[str]]]  # rows that are not blank, with their numbers in the file
 
 
 def _rows(text: str, separator: str) -> Iterator[list[str]]:
@@ -156,8 +155,7 @@ _DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit") 
 _ROWS_WITH_CLOCK = 3  # rows that are looked at
 TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
 """Headers of a column of times, as ``letters_of`` gives them."""
-_STATUS = ("status", "quality")
-"""Headers of columns that say which values of a row count."""
+_STATUS = ("status", "quality")  # headers of columns that say which values of a row count
 _ROWS_OF_STATUS = 1000  # rows in which some status is good, or the column is none of status
 TURNED = "the newest row is first: turned round"
 _LONGEST_LABEL = 100  # characters of a header that a message repeats

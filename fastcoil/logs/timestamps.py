@@ -18,12 +18,10 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.series import NAMES
 
-MOST_LETTERS = 64
-"""Of a cell that can be a time or a number."""
+MOST_LETTERS = 64  # of a cell that can be a time or a number
 MICROSECONDS = np.dtype("datetime64[us]")
 SECOND, MINUTE = 1_000_000, 60_000_000  # µs
-SERIAL, EPOCH = "excel", "epoch"
-"""Formats that are numbers."""
+SERIAL, EPOCH = "excel", "epoch"  # formats that are numbers
 _EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
 
 
@@ -162,8 +160,7 @@ def _number(cell: str) -> float:
 
 # ------------------------------------------------------------------------------------------------- clocks and zones
 
-_NAMED = NAMES["zones"]
-"""Hours by which the clocks of named zones are ahead of UTC."""
+_NAMED = NAMES["zones"]  # hours by which the clocks of named zones are ahead of UTC
 _OF_SEVERAL_PLACES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
 """Names that other continents use as well, unless the name on the right is in the log too."""
 
@@ -278,8 +275,7 @@ def parts_of(cell: str) -> Parts | None:
     return Parts((a, b, c), named[0] if named else -1, clock, bool(found["half"]), offset, zone, found["mark"])
 
 
-_DAY_FIRST, _MONTH_FIRST = (2, 1, 0), (2, 0, 1)
-"""Where year, month and day are."""
+_DAY_FIRST, _MONTH_FIRST = (2, 1, 0), (2, 0, 1)  # where year, month and day are
 
 
 def _of_parts(parts: Sequence[Parts | None], row_numbers: Sequence[int], wrong: str, cure: str) -> Stamps:

@@ -18,8 +18,7 @@ from fastcoil.model.user_rules import KINDS, Rule
 FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
 FORBIDDEN_DIMS |= {"method", "tolerance", "drop", "indexers", "missing_dims"}
 """Names that a swept dimension cannot have: dimensions and variables of a result, and what xarray's ``sel`` takes."""
-SHORTEST_SERIES = 3600
-"""Values, an hour of seconds: a list of that many may be a time series by mistake."""
+SHORTEST_SERIES = 3600  # values, an hour of seconds: a list of that many may be a time series by mistake
 SERIES_HINT = (
     "did you mean a series?  A parameter does not change during a run: a series goes into fc.Boundary(…), an open-loop "
     "command into simulate(…, command=…)"

@@ -214,14 +214,9 @@ def _is_changed(loop: Loop, name: str) -> bool:
     return value is not None and bool(np.any(np.asarray(value) != PARAMETERS[name].default))
 
 
-FAR = 35.0
-"""Water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does."""
-
-MIST = 1.05
-"""Relative humidity up to which air may be mist, or readings may be rounded."""
-
-IDLE = 10.0
-"""Air that is always so much beyond its set-point, K, leaves a loop nothing to do."""
+FAR = 35.0  # water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does
+MIST = 1.05  # relative humidity up to which air may be mist, or readings may be rounded
+IDLE = 10.0  # air that is always so much beyond its set-point, K, leaves a loop nothing to do
 
 
 def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:

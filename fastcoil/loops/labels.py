@@ -77,8 +77,7 @@ def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
     return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
 
 
-_ROUND_OFF = 1e-9
-"""The default buffer: it ignores no reversal but that of the last digits."""
+_ROUND_OFF = 1e-9  # the default buffer: it ignores no reversal but that of the last digits
 
 
 def plain_pi(ds: xr.Dataset | xr.DataArray) -> str:

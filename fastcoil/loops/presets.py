@@ -55,8 +55,7 @@ _FILE = Path(__file__).with_suffix(".toml")
 PRESETS = Presets(
     (name, Preset(name, **entry)) for name, entry in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
 )
-COOLING = {name: preset for name, preset in PRESETS.items() if not preset.heats}
-"""The presets of a cooling coil."""
+COOLING = {name: preset for name, preset in PRESETS.items() if not preset.heats}  # the presets of a cooling coil
 
 
 def presets() -> Presets:

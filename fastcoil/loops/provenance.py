@@ -83,12 +83,10 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         digest.update(f"{key}={text}\n".encode())
 
 
-FORMAT = 1
-"""Of results on disk; a file of a later one is refused."""
+FORMAT = 1  # of results on disk; a file of a later one is refused
 
 
-PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")
-"""Whose versions a result keeps."""
+PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")  # whose versions a result keeps
 
 
 def provenance() -> dict[str, Any]:

@@ -40,8 +40,7 @@ LOGS = np.array([True, True, True, False, True, False, True, False])
 """Which of ``COIL`` are searched by their logarithm."""
 LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 """The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
-RECORDED = ("T_sup", "T_w_out", "wet_volumes")
-"""What the model gives: °C, °C, number of wet volumes."""
+RECORDED = ("T_sup", "T_w_out", "wet_volumes")  # what the model gives: °C, °C, number of wet volumes
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
 """Parameters that the data may not separate: the first is then held at the value of the second."""
 _AS_DRY = "as that of heat alone"

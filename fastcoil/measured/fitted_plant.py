@@ -25,8 +25,7 @@ EXACT = 1e-3  # residual, as a share of the changes, below which the log holds e
 _PHASE, _AGREES = 0.1, 0.02
 """Of the log's interval: step of the phase at which a controller of another rhythm samples; share of the command's
 changes by which a phase may agree with them less than the best."""
-FAST = (1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0)
-"""Sample times of a controller that are tried where the log is coarser, s."""
+FAST = (1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0)  # sample times of a controller that are tried where the log is coarser, s
 ROW_LAGS = (1, 2, 4)  # changes that a row of the fit spans
 USUAL = 10.0  # seconds between samples of a controller that a coarser log does not resolve
 LESS = 0.9

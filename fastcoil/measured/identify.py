@@ -189,8 +189,7 @@ LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
 _IS_GOOD = CANDIDATES <= GOOD + 1e-9
 USUAL_STROKE_TIME = 90.0  # s, where it is not given
-LOST = 0.1
-"""Share of itself by which a gap may be larger than is shown by a log whose samples miss turns of the valve."""
+LOST = 0.1  # share of itself by which a gap may be larger than is shown by a log whose samples miss turns of the valve
 LEAST_TURN = 0.005
 LEAST_TURNS = 3
 """Turns by more than the gap below which no size is claimed: those of the study ``least_movement`` were all wrong."""

@@ -36,8 +36,7 @@ BEFORE, AFTER = 600.0, 600.0
 """Seconds before the test that the lags of the coil reach back, and after it that tell of the gap as well."""
 LEAST_TURN = 0.005  # fraction of stroke, of the command in the test
 MOST_MISSING = 0.05  # share of the temperatures
-WEIGHT = 0.65
-"""Share of the log-likelihood that counts: residuals are neither independent nor normal."""
+WEIGHT = 0.65  # share of the log-likelihood that counts: residuals are neither independent nor normal
 LEAST_EXPLAINED = 0.5  # share of the variance of the temperature that the command has to explain
 QUIET = 60.0  # seconds whose mean takes the noise away
 LEAST_BEFORE = 3600.0  # seconds of normal operation by which the cause is judged

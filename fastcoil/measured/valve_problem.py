@@ -35,8 +35,7 @@ _PROFILE_POINTS, _FINE_POINTS = 25, 12
 _PART_SAMPLES, _PARTS, _PART_STEPS = 30, (4, 6), 25
 _CALIBRATED = 1.6  # widens what parts say until the halves of simulated logs lie in each other's interval
 X_BL, M_MAX, _SHAPE = 0, 1, (2, 3, 4)
-LOGS = np.array([False, True, True, True, False])
-"""Which of backlash, m_max, a, b, c are searched by their logarithm."""
+LOGS = np.array([False, True, True, True, False])  # which of backlash, m_max, a, b, c are searched by their logarithm
 
 
 def _settled(log: Log, fitting: Mask, notes: list[str]) -> Mask:
