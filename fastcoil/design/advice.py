@@ -52,11 +52,7 @@ def _gains(name: str, kp: float, ti: float, words: str = "") -> Cure:
 
 
 def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cure]:
-    """What to try on one loop, as it is first.
-
-    prediction: of the loop, or where theory does not hold of the nearest one for which it does: its gains are tried all
-    the same.
-    """
+    """What to try on a loop, as it is first; ``prediction``: of it, or of the nearest for which theory holds."""
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     turned = prediction.loop["action"] != loop["action"]
     found = [Cure(AS_IS, "as it is", {})]

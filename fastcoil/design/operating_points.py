@@ -129,10 +129,7 @@ def require_one_gap(boundary: Boundary) -> None:
 
 
 def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
-    """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any.
-
-    carry_over: whether only the first day has a warm-up.
-    """
+    """Means of ENTERING over enabled seconds, (n_days,); NaN without any.  carry_over: only day 1 has a warm-up."""
     found = {name: np.empty(boundary.n_days) for name in ENTERING}
     for k in range(boundary.n_days):
         rows = boundary.of_day(k)

@@ -194,11 +194,7 @@ _LEAST = 8  # points of the smallest generation
 
 
 def effort(d: int, evaluations: int) -> tuple[int, int, int]:
-    """How ``evaluations`` points of ``d`` axes are spent.
-
-    Returns the points of a generation, the generations that seek the goal, the first one among them, and those that go
-    along the front, a quarter.
-    """
+    """Points of a generation; generations that seek the goal, the first one among them, and along the front."""
     size = max(_LEAST, 4 * d)
     generations = max(1, round(evaluations / size))
     return size, generations - generations // 4, generations // 4

@@ -221,10 +221,7 @@ class Group(NamedTuple):
 
 
 def held_valves(backlash: Array, seed: int) -> Index:
-    """One of every three valves, drawn, in the order of their backlash (n,); sorted positions.
-
-    So both groups have good valves and bad ones alike; what is left over at the end is not held out.
-    """
+    """One of every three valves, drawn in the order of backlash, (n,), so that both groups are alike; sorted."""
     order = np.argsort(backlash, kind="stable")
     threes = order[: order.size // ONE_OF * ONE_OF].reshape(-1, ONE_OF)
     drawn = np.random.default_rng([seed, 1]).integers(0, ONE_OF, threes.shape[0])

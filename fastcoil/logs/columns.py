@@ -164,10 +164,7 @@ _MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name,
 
 
 def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
-    """Index of each column to read; unknown, missing and doubled ones, and bad constants, are problems.
-
-    A column beside a constant of its name is a problem; known columns that are not wanted are ignored.
-    """
+    """Index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
     names = [*dict.fromkeys([*COLUMNS, *TIMES])]
     asked, constants = how.columns or {}, how.constants or {}
     table.check_names("columns", asked, names)

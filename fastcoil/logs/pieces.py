@@ -58,10 +58,7 @@ _USUAL, _LONGER = 0.95, 10.0  # A step so many times longer than this share of a
 
 
 def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
-    """Longest step that is no gap [s], if this is a log of changes; else None.
-
-    time, values: of the rows [s], and the series by name, each (n,).  within: where a row follows another, (n - 1,).
-    """
+    """Longest step of a log of changes that is no gap, s; else None.  within: where a row follows one, (n - 1,)."""
     steps = np.diff(time)[within]
     if steps.size < _FEWEST or not may_be_of_changes(steps) or np.mean(steps > LONG_STEP * np.median(steps)) < _LONG:
         return None

@@ -183,10 +183,7 @@ def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
 def _unit_of(
     table: Table, series: Series, column: int, given: str | None, cells: Cells, has_command: bool
 ) -> str | None:
-    """Unit of a column: by its header, the row below it, its cells, or as ``given``; None, and a problem, without one.
-
-    has_command: whether a command has an option for the argument ``units``, for the message.
-    """
+    """Unit of a column: by its header, the row below it, its cells, or ``given``; None, and a problem, without one."""
     numbers = np.flatnonzero(~np.isnan(cells.values)).tolist()
     by_cells = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
     declared = table.declared_units(column) | ({"by units": given} if given else {})

@@ -91,10 +91,7 @@ def _of_numbers(
 
 
 def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Stamps:
-    """The times of the cells of a column, whose rows in the file are ``row_numbers``.
-
-    time_format: as checked by ``time_format_of``; recognised if None.  cure: how to give one, with ``{format}`` in it.
-    """
+    """The times of a column, by ``time_format`` or recognised; ``cure``: how to give one, with ``{format}`` in it."""
     if time_format in _NUMBERS:
         numbers = np.array([_number(cell) for cell in cells])
         return max((_of_numbers(numbers, *kind) for kind in _NUMBERS[time_format]), key=lambda found: found.good.sum())

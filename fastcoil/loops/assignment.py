@@ -26,10 +26,7 @@ SERIES_HINT = (
 
 
 def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
-    """Return a scalar in the parameter's type and unit, or a DataArray of admissible values.
-
-    value: a number, a word, a list (its own dimension), ``(dim, values)``, a DataArray or a pandas Series.
-    """
+    """A scalar in the parameter's type and unit, or a DataArray of admissible values; ``value`` as of ``Loop``."""
     name = parameter.name
     array = as_labelled(name, value, name)
     if array is not None and array.dtype.kind in "iuf":

@@ -37,10 +37,7 @@ def units_of(unit: str) -> Units:
 
 
 def as_labelled(name: str, value: Any, dim: str) -> xr.DataArray | None:
-    """``value`` as a DataArray if it has labels, None if it is bare.  dim: that of a pandas index without a name.
-
-    ``InputError`` if it is a Dataset, a list of labelled arrays, or a DataFrame whose axes have no names.
-    """
+    """``value`` as a DataArray if it has labels, None if it is bare; ``dim``: of a pandas index without a name."""
     if isinstance(value, xr.DataArray):
         return value
     if isinstance(value, xr.Variable):
@@ -113,10 +110,7 @@ class Course(NamedTuple):
 
 
 def course_of(name: str, array: xr.DataArray) -> Course:
-    """The labels of a series along ``day`` and ``elapsed_time``.
-
-    ``InputError`` if it has other dims, or if its samples are not 1 s apart.
-    """
+    """The labels of a series along ``day`` and ``elapsed_time``; refused with other dims or steps than 1 s."""
     if not set(array.dims) <= {"day", "elapsed_time"}:
         raise InputError(f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day")
     second, start, zone = None, None, None

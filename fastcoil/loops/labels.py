@@ -123,10 +123,7 @@ def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
 
 
 def quantity_of_values(values: xr.DataArray) -> Quantity:
-    """How values are shown: those of our tables as usual, others by their own name, ``long_name`` and ``units``.
-
-    Shares of a baseline, as ``compare`` gives them, are changes in per cent.
-    """
+    """How values are shown: as of our tables, or by their attributes; shares of a baseline in per cent."""
     name, attrs = str(values.name or ""), values.attrs
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
     if entry is not None and "relative_to" in attrs:

@@ -157,10 +157,7 @@ class Plan:
         return _OF_KERNELS + _OF_SUMMARY * self.n_scenarios + 3 * of_scenario * largest, each
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
-        """Most room that a study takes on disk, while it is merged: shards and results, were these not compressed.
-
-        Metrics are put together in between, and traces of days in sequence, whose shards are not in their order.
-        """
+        """Most room that a study takes on disk, while it is merged: shards, results, what is put together for them."""
         of_shards = sum(self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names)
         return 3 * self.metric_bytes + (3 if self.carry_over else 2) * of_shards * traces_kept
 

@@ -198,11 +198,9 @@ _MEANINGS = {
 
 
 def simc_gains(fitted: FittedLoop, cause: str) -> tuple[float, float]:
-    """kp, 1/K, and ti, s, after SIMC for the fitted plant where it is steepest; no larger kp for a loop that hunts.
-
-    Half of the smaller lag counts as dead time (Skogestad 2003).
-    """
+    """kp, 1/K, and ti, s, after SIMC for the fitted plant where it is steepest; no larger kp for a loop that hunts."""
     slow, fast = max(fitted.plant.lags), min(fitted.plant.lags)
+    # half of the smaller lag counts as dead time (Skogestad 2003)
     dead = fitted.plant.delay * fitted.plant.step + 0.5 * fast + 0.5 * fitted.pi.sample_time
     lag, steepest = slow + 0.5 * fast, max(abs(fitted.plant.slope(opening)) for opening in (0.0, 1.0))
     kp = lag * (1.0 - fitted.backlash) / (2.0 * steepest * dead)

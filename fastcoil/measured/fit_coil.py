@@ -293,10 +293,7 @@ def in_operation(log: Log) -> Log:
 
 
 def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Record:
-    """The log on 1-s steps: straight lines between samples, or held where ``holds`` names the series.
-
-    fitting: (n,), samples of the part to fit; the others have no influence on its scales and limits.
-    """
+    """The log on 1-s steps, straight or held as ``holds`` says; scales and limits are those of ``fitting``, (n,)."""
     require_whole_seconds(log.name, log.step)
     values = log.values | {"W_a_in": log.humidity_ratio(loop["pressure"])}
     of_fit = {name: series[fitting] for name, series in values.items()}
@@ -424,10 +421,7 @@ class CoilProblem:
         return np.asarray(x)
 
     def solve(self) -> tuple[Estimate, Uncertainty, Array]:
-        """Fit, hold parameters that turn out to be unknown, and fit again until all free ones are known.
-
-        Returns the minimum, how well it is known, and the wet volumes of the fitted samples, (n,).
-        """
+        """Fit, hold what is unknown, fit again; the minimum, its uncertainty, wet volumes of fitted samples, (n,)."""
         model = self.model()
         best = minimise(model, self.starts(), list(self.held))
         run = self.record.until(self.n_fit).run(best.x[:, None])

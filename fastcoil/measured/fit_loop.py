@@ -234,10 +234,7 @@ class LoopProblem:
         return found
 
     def modelled(self, backlash: Array, runs: str) -> Array:
-        """Supply temperature with each candidate at the samples, (n, candidates), °C; NaN in pieces left out.
-
-        runs: how the command runs between samples, ``held`` or ``straight``.
-        """
+        """T_sup at the samples, (n, candidates), °C, if the command is ``held`` or ``straight``; NaN where left out."""
         found = np.full((self.data.time.size, backlash.size), np.nan)
         sweep = self.loop.assign(backlash=("candidate", backlash))
         for piece in self.pieces:

@@ -398,10 +398,7 @@ def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
 
 
 def _sums(log: Log, good: Mask, step: float, pieces: list[Index], lags: Array, memory: float) -> _Sums:
-    """Sums of products of the curve's terms and the flow in each piece, behind each lag and backlash.
-
-    memory: of the residuals, from one sample to the next; that share of the sample before is subtracted from each.
-    """
+    """Sums of products of the terms and the flow behind each lag and backlash, less ``memory`` of the sample before."""
     starts = [int(piece[0]) for piece in pieces]
     products = np.zeros((len(pieces), lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
     counts = np.zeros((len(pieces), lags.size))

@@ -96,10 +96,7 @@ def play(
     plant: FittedPlant, pi: RecoveredPI, day: Day, stroke_time: float, backlash: float, estimate: float = 0.0,
     buffer: float = 0.0,
 ) -> Played:  # fmt: skip
-    """Replay a day: PI with clamped integral, inverse, motor, play operator, plant, recorded disturbance.
-
-    estimate, buffer: of the inverse, fractions of stroke; an estimate of 0 is the plain PI.
-    """
+    """Replay a day: PI with clamped integral, inverse (none with an estimate of 0), motor, play, plant, disturbance."""
     n, step = day.T_set.size, plant.step
     c_1, c_2 = plant.curve
     least, most = plant.least, plant.most

@@ -109,10 +109,8 @@ def recover_pi(
 
 
 def _sample_time(command: Array, changes: Index, interval: float) -> float:
-    """Seconds between the controller's samples, or ``interval`` if the log is coarser.
-
-    A saturated command is held for as long as it stays so and carries no information.
-    """
+    """Seconds between the controller's samples, or ``interval`` if the log is coarser."""
+    # a saturated command is held for as long as it stays so and carries no information
     held = command[changes[:-1]]
     gaps = np.diff(changes)[(held > EDGE) & (held < 1.0 - EDGE)]
     if gaps.size == 0:

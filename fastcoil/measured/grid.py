@@ -265,10 +265,7 @@ def openings(positions: Array, backlash: float) -> Array:
 
 
 def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array, Array]:
-    """Mean opening behind each candidate backlash and the mean of its square: (pieces, candidates) each.
-
-    A piece is ``width`` intervals between positions; the last that is not complete is left out.
-    """
+    """Mean opening behind each backlash and of its square, (pieces, candidates), in whole pieces of ``width`` steps."""
     openings, squares = np.empty((2, (positions.size - 1) // width, backlash.size))
     recorded.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
     return openings, squares

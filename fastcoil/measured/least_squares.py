@@ -234,10 +234,7 @@ def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
 
 
 def profile(model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = ()) -> list[Estimate]:
-    """The minimum with parameter k held at each value of ``grid`` (ascending).
-
-    Walks outward from the free minimum, each value starting where its neighbour ended.
-    """
+    """The minimum with parameter k held at each value of ``grid`` (ascending), outward from the free minimum."""
     middle = int(np.searchsorted(grid, best.x[k]))
     found: dict[int, Estimate] = {}
     for way in (range(middle, grid.size), range(middle - 1, -1, -1)):

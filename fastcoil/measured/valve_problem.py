@@ -333,10 +333,8 @@ def _besides_noise(problem: ValveProblem, solution: ValveSolution) -> float:
 
 
 def _noise(command: Array, flow: Array, still: Mask) -> float:
-    """Standard deviation of the meter's noise where the command rests for three rows, kg/s; 0 if it hardly does.
-
-    Two equal commands may be chance: the valve may have moved between them.
-    """
+    """Standard deviation of the meter's noise where the command rests for three rows, kg/s; 0 if it hardly does."""
+    # two equal commands may be chance: the valve may have moved between them
     inner = (command[1:-1] > _AT_AN_END) & (command[1:-1] < 1.0 - _AT_AN_END)
     changes = np.abs(np.diff(flow)[1:][still[1:] & still[:-1] & inner])
     changes = changes[np.isfinite(changes)]

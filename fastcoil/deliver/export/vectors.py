@@ -261,10 +261,7 @@ def _tour(controller: Controller) -> tuple[Array, Array]:
 
 
 def _errors(controller: Controller, wanted: Array, enabled: Array) -> Array:
-    """The errors that the PI answers with the openings wanted, K.
-
-    A dead band, or the limit of the error, takes it elsewhere, which does no harm.
-    """
+    """The errors, K, that the PI answers with the openings wanted, but for a dead band or the limit of errors."""
     number = controller.number
     kp, ki = number["kp"], number["kp"] * number["sample_time"] / number["ti"]
     e, integral = np.zeros(wanted.size), 0.0
