@@ -38,10 +38,7 @@ def with_report(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def write_found(found: Any, out: Path | None, report: Path | None = None, *, word: str = "Written") -> None:
-    """Write the files asked for: the TOML of a result with its figure beside it, or the figure alone; its report.
-
-    word: what is said of the TOML.
-    """
+    """Write what is asked for: TOML, called ``word``, with a figure beside it, or the figure alone; the report."""
     if out is not None:
         from fastcoil.base.figures import write
 

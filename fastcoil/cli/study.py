@@ -338,10 +338,7 @@ def _inches(width: str | None) -> float | None:
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
-    """Draw those standard figures of the results ``ds`` that are missing in ``folder`` or outdated.
-
-    The caller holds the lock of the folder.  Returns the PNG figures there that show these results.
-    """
+    """Draw standard figures of ``ds`` that a locked folder lacks or has of others; its PNG figures of these results."""
     from fastcoil.base.figures import FIGURES, current_figures, write
     from fastcoil.deliver.figures import swept as plots
 

@@ -220,11 +220,7 @@ def _median(values: Array) -> float:
 
 
 def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
-    """The cures with gains that only the simulation finds, second, where it finds some.
-
-    kp and ti around those of SIMC, or of the loop: the pair with the least error of those that do not hunt, and that do
-    not hunt with the next larger kp either.
-    """
+    """The cures, second the best kp and ti around those of SIMC that do not hunt, nor with the next larger kp."""
     own = {name: trial.loop[name] for name in ("kp", "ti")}
     start: Mapping[str, Any] = next((cure.changes for cure in cures if cure.name == SIMC), own)
     pairs = [[(start["kp"] * factor, start["ti"] * time) for factor in _FACTORS] for time in _TIMES]

@@ -178,11 +178,7 @@ class PointsOfDay(NamedTuple):
 
 
 def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
-    """Operating points of a boundary of one day: those of each hour at each set-point, or of the second ``at`` alone.
-
-    Neither the ``warm_up`` seconds at the start count nor those in which the plant is off; refused if it is off all
-    day, or at that second.
-    """
+    """Points of a day: of each hour at each set-point, or of the second ``at``; plant on, after the warm-up."""
     series = {name: boundary.series[name][0] for name in ENTERING}
     on = boundary.series["enabled"][0] > 0.0
     if at is not None:

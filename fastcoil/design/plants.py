@@ -157,10 +157,7 @@ def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
 
 
 def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Index]:
-    """The different plants among those of ``plants_of``.
-
-    Returns their parameters, (len(PARAMETER_ROWS), n), what enters, (4, n), T_set, (n,), and the plant of each loop.
-    """
+    """Parameters, (rows, n), what enters, (4, n), T_set, (n,), of the different plants, and the plant of each loop."""
     n = len(columns["C_w"])
     # all at its default that no plant depends on
     filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
@@ -207,10 +204,7 @@ def _turned(columns: Columns) -> Array:
 
 
 def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
-    """From the opening to the measured temperature as the controller samples it, K per unit opening.
-
-    Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w), and the kind of each loop.
-    """
+    """From opening to T as sampled, K per unit opening, (n_kinds, n_w), and each loop's kind of plant and sensor."""
     ts, tau = (np.asarray(columns[name], float) for name in ("sample_time", "sensor_time_constant"))
     first, which = distinct(plants.same, ts, tau)
     P = np.empty((first.size, w.size), complex)
@@ -235,11 +229,7 @@ def state_names(n_volumes: int) -> tuple[str, ...]:
 
 
 def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
-    """A and B of x[t+1] = A x[t] + B opening[t], deviations from rest at the set-point; t in seconds.
-
-    Returns (n, 4 N, 4 N) and (n, 4 N), in the order of ``state_names``.
-    columns, conditions: as for ``plants_of``; all with one number of volumes N.
-    """
+    """A, (n, 4 N, 4 N), and B, (n, 4 N), of x[t+1] = A x[t] + B opening[t] about rest, t in s; see ``state_names``."""
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
     size = len(at_rest.STATES) * int(columns["n_volumes"][0])
 

@@ -252,10 +252,7 @@ def best(scores: Scores) -> int:
 
 
 def on_front(scores: Scores) -> Index:
-    """Places of the points of which no other has both less travel and a lower error, in the order of the travel.
-
-    Of the limits, that of the travel does not count.  Where no point keeps the others, those that break them least.
-    """
+    """Points that no other beats in travel and error, by travel; of the limits that of the travel does not count."""
     kept = np.flatnonzero(scores.other_violation == scores.other_violation.min())
     order = kept[np.lexsort((scores.error[kept], scores.travel[kept]))]
     lowest = np.minimum.accumulate(np.concatenate([[np.inf], scores.error[order][:-1]]))

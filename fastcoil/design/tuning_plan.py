@@ -281,11 +281,7 @@ Changes = Mapping[str, tuple[str, Array]]  # dim and values of parameters that c
 
 
 def own_gains(group: Group, names: Sequence[str], warm_up: int) -> Changes:
-    """kp and ti after SIMC for each valve of a group: the median of its days at their mean conditions.
-
-    A valve that cannot hold the set-point on any day gets the median of the others.  Empty where kp and ti are not what
-    is searched, or SIMC gives no valve anything.
-    """
+    """kp and ti after SIMC of each valve, the median of its days; of all valves where it has none; or nothing."""
     if not {"kp", "ti"} <= set(names):
         return {}
     points = OperatingPoints(group.loop, group.boundary, warm_up=warm_up)

@@ -217,11 +217,7 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
 def _find_headers(
     table: Table, how: Reading, names: list[str], wanted: Wanted
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """Index of each of our ``names`` in the header, where the caller says, or by what the headers mean.
-
-    Other columns are problems, unless the caller says what to read or the meaning of some is known, and so are two
-    columns of a wanted name.  Beside it, by name, headers that may mean it.
-    """
+    """Index of our ``names``, as asked or as headers mean; others are problems; and headers that may mean a name."""
     unknown = []
     found = asked_columns(table, how.columns or {})
     labels = [label_and_unit(cell)[0] for cell in table.header]

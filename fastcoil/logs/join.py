@@ -154,11 +154,7 @@ def _point_in(source: Source, name: str, how: Reading) -> Point:
 
 
 def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
-    """The wanted points of a log that has a row for each value, with our names, at times of their own.
-
-    These are the times of the fastest point of regular samples; if all points are written when they change, those of
-    every value.  The others hold or run straight as in a join.
-    """
+    """The wanted points, with our names, at the times of the fastest regular one; else at those of every value."""
     sources = sources_of(table, how)
     columns = None if how.columns is None else {name: one for name, one in how.columns.items() if name not in TIMES}
     points = points_of(sources, table, replace(how, columns=columns, drop=bool(how.drop)), wanted)

@@ -110,11 +110,7 @@ def longest_bridged(time: Array, max_gap: float | None) -> float:
 def number_pieces(
     table: Table, time: Array, values: Mapping[str, Array], how: Reading, notes: list[str], *, stamped: bool
 ) -> tuple[Index, bool]:
-    """Number of the unbroken piece of each row, (n,), from 0; whether rows were written when a value changed.
-
-    A new piece starts where ``batch``, one of ``values``, changes, after a gap, and after a jump.  What is not allowed
-    becomes a problem of the table.  stamped: whether the time is from timestamps.
-    """
+    """Number of the unbroken piece of each row, (n,): a new one at ``batch``, gap or jump; whether rows are changes."""
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     new = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     back = (steps <= 0.0) & ~new

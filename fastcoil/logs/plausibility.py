@@ -41,11 +41,7 @@ _FEWEST_ROWS, _MOVES, _STANDS = 50, 0.5, 0.05
 
 
 def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted: Collection[str]) -> dict[str, str]:
-    """The unit that columns seem to be in, by name, where it is not the declared one.
-
-    values, units: readings in our units, NaN where there is none, and the declared units, by name.  trusted: names of
-    columns whose unit is not questioned.
-    """
+    """The unit, by name, that columns seem to be in, if not the declared one; ``trusted`` ones are not questioned."""
     found = {}
     for name, one in values.items():
         family = COLUMNS[name].units

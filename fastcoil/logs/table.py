@@ -170,10 +170,7 @@ _LONGEST_HEADER = 200  # longest header in which a unit without brackets is look
 
 
 def label_and_unit(header: str) -> tuple[str, str | None]:
-    """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; the unit is None if there is none.
-
-    Known units are found in round brackets and after a comma or slash as well.
-    """
+    """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; known units in round brackets, after comma, slash too; or None."""
     text = header.strip()
     label, bracket, unit = text.partition("[")
     if bracket and text.endswith("]"):
@@ -293,10 +290,7 @@ class Table:
         self.notes.append(f"{names[0]} and {names[1]} are read as one timestamp")
 
     def _merge_status(self) -> None:
-        """Write what columns of status say against values behind these, in braces, and leave these columns out.
-
-        One column of status is for all values of its row; of several, each is for the column on its left.
-        """
+        """Write what columns of status say, of their row or of the column on the left, behind values, in braces."""
         labels = [letters_of(header) for header in self.header]
         found = [
             k

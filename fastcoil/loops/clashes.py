@@ -32,11 +32,7 @@ _CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
 
 
 def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
-    """Refuse values that only clash together.
-
-    T_set: all the set-points that the loop will see, °C.  least_scale: the least that the boundary multiplies the
-    backlash by.
-    """
+    """Refuse values that only clash together; ``T_set``: all set-points, °C; ``least_scale``: of the backlash."""
     rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
     problems = [
         *_size_clashes(loop, least_scale),
@@ -82,10 +78,7 @@ def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
 
 
 def unread_values(loop: Loop) -> dict[str, str]:
-    """Parameters that differ from their defaults and that no scenario reads, each with the sentence that refuses it.
-
-    A loop taken out of a sweep may have some that only its neighbours read.
-    """
+    """Parameters that differ from their defaults and that no scenario reads, with the sentences that refuse them."""
     return _unread_by_estimators(loop) | _unread_by_controller(loop)
 
 

@@ -81,10 +81,7 @@ _ROUND_OFF = 1e-9  # the default buffer: it ignores no reversal but that of the 
 
 
 def plain_pi(ds: xr.Dataset | xr.DataArray) -> str:
-    """What a loop of this result is whose estimate is 0: ``plain PI``, or ``PI with a buffer``.
-
-    A buffer holds small reversals of u back whatever the estimate, which a plain PI does not.
-    """
+    """A loop of this result without estimate: ``plain PI``, or ``PI with a buffer``, which holds back reversals."""
     stored = json.loads(ds.attrs.get("parameters", "{}"))
     values = {
         name: np.asarray(ds.coords[name].values if name in ds.coords else stored.get(name, 0.0))

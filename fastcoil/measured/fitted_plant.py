@@ -125,10 +125,7 @@ def _sample_time(command: Array, changes: Index, interval: float) -> float:
 def _between(
     command: Array, temperature: Array, T_set: Array, good: Mask, interval: float, every: float
 ) -> list[RecoveredPI]:
-    """From a log of another rhythm than the controller's, for each phase that agrees with when the command changes.
-
-    The temperature runs straight from sample to sample of the log, and the command is seen in the next one.
-    """
+    """For each phase of another rhythm than the log's that agrees with when the command changes; T runs straight."""
     changes = np.flatnonzero(np.abs(np.diff(command)) > HELD) + 1
     phases = []
     for phase in np.arange(0.0, every, _PHASE * interval):

@@ -243,11 +243,7 @@ def all_good(good: Mask, first: Index, last: Index) -> Mask:
 
 
 def motor_positions(command: Array, interval: float, stroke_time: float) -> Array:
-    """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
-
-    command: fraction of stroke, held for ``interval`` s; stroke_time: s, 0 if it is as good as immediate.  The motor
-    stands at the first command when the log begins.
-    """
+    """Motor position before the command of each sample acts, and after the last; ``stroke_time``: s, 0 if immediate."""
     positions = np.empty(command.size + 1)
     travel = interval / stroke_time if stroke_time > 0.0 else 1.0
     recorded.motor_positions(np.ascontiguousarray(command, float), travel, positions)

@@ -60,11 +60,7 @@ def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | N
 
 
 def share_to_and_fro(command: Array, good: Mask) -> float:
-    """Share of the samples at which the command moves back what it moved the sample before, or more than it.
-
-    An inverse that chatters does so, and a controller that answers noise.  Where a log shows much of it, the stem may
-    have moved between its samples unseen.
-    """
+    """Share of samples at which the command moves back what it moved before, or more: the stem may move unseen."""
     moved = np.diff(command)
     both = good[2:] & good[1:-1] & good[:-2]
     turns = (moved[1:] * moved[:-1] < 0.0) & (np.minimum(np.abs(moved[1:]), np.abs(moved[:-1])) > TO_AND_FRO)
@@ -326,10 +322,7 @@ def shown_by(
     series = np.stack([temperature, *disturbances])
 
     def compared(moved: int, ends: int = 0, way: int = 1, rolled: int = 0) -> Likelihood | None:
-        """With the temperature moved to so many samples earlier; without some at both ends; backwards if way is -1.
-
-        rolled: samples by which the temperature is of another hour, round the ends of the log.
-        """
+        """Of T moved to some samples earlier, or rolled to another hour; without ends; backwards if way is -1."""
         at = slice(max(-moved, 0) + ends, n - max(moved, 0) - ends)
         seen = slice(max(moved, 0) + ends, n - max(-moved, 0) - ends)
         motor = motor_positions(command[at][::way], interval, stroke_time)

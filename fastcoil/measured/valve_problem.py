@@ -83,11 +83,7 @@ def _lowest_reading(flow: Array, notes: list[str]) -> float:
 
 
 def _sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
-    """Where the valve does not explain that no flow is measured: the sensor or the pump is off.
-
-    That is a reading of 0 below the meter's floor; and 0, or the floor, with the valve much further open than where
-    most samples of the part to fit show flow.
-    """
+    """Where no flow is not due to the valve: 0 under the meter's floor, or the floor far above where most flow."""
     still = flow <= floor
     flows_from = 1.0
     for low in np.arange(0.0, 1.0, _BIN):

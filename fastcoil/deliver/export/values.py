@@ -43,18 +43,16 @@ class Table:
 
 
 class Scope:
-    """One call of a function.
-
-    names: what they stand for.  finish: what is done with what it returns.  stored: how often a name is.
-    """
+    """One call of a function; ``finish``: what is done with what it returns."""
 
     def __init__(self, function: FunctionType, definition: ast.FunctionDef, finish: Callable[[Any], Any]) -> None:
         self.function, self.definition, self.finish = function, definition, finish
-        self.names: dict[str, Any] = {}
+        self.names: dict[str, Any] = {}  # what they stand for
         self.arguments = [one.arg for one in (*definition.args.posonlyargs, *definition.args.args)]
         nodes = list(ast.walk(definition))
         nodes += [one.target for one in nodes if isinstance(one, ast.AugAssign)]
         names = [one for one in nodes if isinstance(one, ast.Name)]
+        # how often each is stored
         self.stored = Counter(one.id for one in names if not isinstance(one.ctx, ast.Load))
         self.stored.update(set(self.arguments) & set(self.stored))
 

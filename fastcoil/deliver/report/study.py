@@ -62,11 +62,7 @@ def comparisons(ds: xr.Dataset) -> list[page.Table]:
 def _table(
     ds: xr.Dataset, dim: str, only: str, at: int | None = None, words: str = "", chosen: int | None = None
 ) -> page.Table:
-    """A row for every label, or some of many values, with medians over all else.
-
-    at: label of the baseline, ``words``; every scenario is compared with its partner there.  chosen: a label to keep.
-    only: of which loops.
-    """
+    """A row for every label, or some, with medians; ``at``: the baseline, ``words``; ``chosen``: a label to keep."""
     unit = next((unit for unit in _UNITS if ds.sizes.get(unit, 1) > 1), "") if at is not None else ""
     base, n, has_names = ds.isel({dim: at or 0}, drop=True), ds.sizes[dim], ds[dim].dtype.kind in "OUST"
     best = ds["rmse"].median([d for d in ds["rmse"].dims if d != dim]).fillna(math.inf)
