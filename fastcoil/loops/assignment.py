@@ -154,10 +154,7 @@ def without_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
 
 
 def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:
-    """The rules known so far with new ones; one of the same name is replaced.
-
-    used: names of the rules that are now used.  Those that are not give way where names of parameters clash.
-    """
+    """The rules known so far with new ones; those not ``used`` give way where names of parameters clash."""
     found: dict[str, Rule] = {}
     for rule in new:
         if found.setdefault(rule.name, rule) != rule:

@@ -314,11 +314,7 @@ class Share:
 
 
 def shards_of(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> list[Shard]:
-    """The shards of the scenarios ``todo``, flat indices, ascending, all by default: enough to keep all workers busy.
-
-    Of independent days a shard is a contiguous range of ``todo`` of whole blocks.  It may span days, a block does not:
-    a day with one scenario is a block too.
-    """
+    """The shards of ``todo``, flat indices, ascending, or all: ranges of whole blocks, which are of a day; or lanes."""
     of, todo = plan.n_a_day, np.arange(plan.n_scenarios) if todo is None else todo
     if not plan.carry_over:
         day = todo // of

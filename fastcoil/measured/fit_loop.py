@@ -269,10 +269,7 @@ class LoopProblem:
         return Sums(piece, *(np.add.reduceat(column, first, axis=0) for column in columns))
 
     def candidates(self) -> tuple[Array, Array]:
-        """A coarse grid of candidates, refined near the best, and the temperatures of ``modelled``.
-
-        How a command that moves at most samples ran between them is unknown: what fits better is taken.
-        """
+        """A grid refined near the best, and ``modelled``; a moving command runs held or straight, as fits better."""
         coarse = np.arange(0.0, LARGEST + _COARSE / 2, _COARSE)
         ways = ("held", "straight") if self.moves > _MOVES else ("held",)
         tried = {runs: corrected(self.sums(self.modelled(coarse, runs))).rss for runs in ways}

@@ -64,11 +64,7 @@ def recover_pi(
     command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, sample_time: float | None,
     gains: tuple[float, float] | None = None,
 ) -> RecoveredPI | str:  # fmt: skip
-    """Find kp, ti and, if it is not given, the sample time; a sentence if the command follows no PI.
-
-    command, temperature, T_set: (n,), fraction of stroke, °C, °C.  good: (n,), samples that may be used.  gains: kp,
-    above 0, and ti, where they are known; the log still tells heating from cooling.
-    """
+    """kp, ti and, if None, the sample time of a PI; a sentence if the command follows none; ``gains``: kp > 0, ti."""
     changes = np.flatnonzero((np.abs(np.diff(command)) > HELD) & good[1:] & good[:-1]) + 1
     if changes.size < LEAST_CHANGES:
         return f"the command changes {changes.size} times only: log a day on which the loop works"
@@ -237,11 +233,7 @@ def fit_plant(
     command: Array, temperature: Array, good: Mask, interval: float, backlash: float, stroke_time: float,
     pi: RecoveredPI,
 ) -> FittedPlant | None:  # fmt: skip
-    """Fit the plant between command and temperature; None if no plant that the PI can control explains the log.
-
-    command, temperature: (n,), without NaN: fraction of stroke, °C.  good: (n,), samples that may be used.  pi: of the
-    log; its rhythm says when the commands acted, its sign whether a higher opening lowers the temperature.
-    """
+    """The plant between command and temperature, without NaN; None if none that the PI can control explains it."""
     per_sample = math.ceil(interval / STEP)
     step = interval / per_sample
     at = np.arange((command.size - 1) * per_sample + 1) / per_sample

@@ -257,11 +257,7 @@ def response(
     temperature: Array, positions: Array, first: int, from_row: int, interval: float, inputs: Sequence[Array],
     candidates: Array,
 ) -> Response:  # fmt: skip
-    """Compare candidate gaps.
-
-    temperature, positions of the motor, and inputs: (n,) each, at equal intervals.  The rows from ``first`` on are
-    modelled, those from ``from_row`` on are compared; the rows before ``first`` tell where the stem may be.
-    """
+    """Compare gaps: rows from ``first`` are modelled, from ``from_row`` compared; those before place the stem."""
     from scipy.signal import lfilter
 
     def lagged(series: Array, lag: float) -> Array:
