@@ -56,8 +56,8 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
         raise InputError(f"{name} has {len(values):,} values: give at most {MOST_VALUES:,}")
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and not parameter.is_word:
         return values
-    right = str if parameter.is_word else float
-    for value in (plain(given) for given in values if type(given) is not right):
+    right = (str,) if parameter.is_word else (float, int)
+    for value in (plain(given) for given in values if type(given) not in right):
         if isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(f"{name} = {shown(value)} in a list: {cure}")
         if problem := parameter.problem(value):

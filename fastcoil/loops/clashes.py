@@ -107,7 +107,7 @@ def _size_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
     if "learner" in used and (learns & (step == 0.0)).any():
         yield "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
     if (error_ratio > 0.0).any() and ((error_ratio > 0.0) & (reference == 0.0)).any():
-        yield "learning_error_ratio without learning_reference: give the number of intervals that the reference is"
+        yield "learning_error_ratio without learning_reference: give the number of intervals whose mean it is"
     jump, backlash = _values(loop, "slip_jump", "backlash")
     least = min(least_scale, 1.0)
     if (jump > 0.0).any() and (excess := float((jump - least * backlash).where(jump > 0.0, 0.0).max())) > 0.0:
@@ -197,8 +197,8 @@ def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
         )
     ends = (starts + 60.0 * minutes).where(~late, 0.0)
     if (ends > seconds).any():
-        late_by = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
-        raise InputError(f"{late_by}: start it earlier, or give a longer day")
+        both = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
+        raise InputError(f"{both}: start it earlier, or give a longer day")
 
 
 def _is_changed(loop: Loop, name: str) -> bool:

@@ -314,7 +314,7 @@ class Share:
 
 
 def shards_of(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> list[Shard]:
-    """The shards of ``todo``, flat indices, ascending, or all: ranges of whole blocks, which are of a day; or lanes."""
+    """The shards of ``todo``, flat indices, ascending, or of all: ranges of whole blocks, each of one day; or lanes."""
     of, todo = plan.n_a_day, np.arange(plan.n_scenarios) if todo is None else todo
     if not plan.carry_over:
         day = todo // of

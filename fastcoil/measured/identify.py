@@ -322,7 +322,7 @@ def shown_by(
     series = np.stack([temperature, *disturbances])
 
     def compared(moved: int, ends: int = 0, way: int = 1, rolled: int = 0) -> Likelihood | None:
-        """Of T moved to some samples earlier, or rolled to another hour; without ends; backwards if way is -1."""
+        """With T moved some samples earlier, or rolled to another hour; without some ends; backwards if way is -1."""
         at = slice(max(-moved, 0) + ends, n - max(moved, 0) - ends)
         seen = slice(max(moved, 0) + ends, n - max(-moved, 0) - ends)
         motor = motor_positions(command[at][::way], interval, stroke_time)

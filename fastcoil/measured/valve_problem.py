@@ -83,7 +83,7 @@ def _lowest_reading(flow: Array, notes: list[str]) -> float:
 
 
 def _sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
-    """Where no flow is not due to the valve: 0 under the meter's floor, or the floor far above where most flow."""
+    """Where the valve does not explain that none flows: 0 below the floor; 0, or the floor, if it is far open."""
     still = flow <= floor
     flows_from = 1.0
     for low in np.arange(0.0, 1.0, _BIN):
