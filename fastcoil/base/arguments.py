@@ -221,5 +221,5 @@ def level_of(level: object) -> float:
 
 
 def _alternatives(choices: Iterable[str]) -> str:
-    *others, last = map(repr, choices)
+    *others, last = [*map(repr, choices)] or ["nothing, there is none"]
     return f"{', '.join(others)} or {last}" if others else last

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+import fastcoil as fc
 from fastcoil.base.arguments import checking, choice_of
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import exists, has_mark, is_folder, require_file
@@ -26,9 +27,7 @@ def report(folder: Path, out: Path | None) -> None:
 
     diagnose, explain, fit and tune have an option --report instead.
     """
-    from fastcoil.deliver.report.results import report as written
-
-    say(f"Report:  {written(folder, out)}")
+    say(f"Report:  {fc.report(folder, out)}")
 
 
 def with_report(command: Callable[..., None]) -> Callable[..., None]:
@@ -39,10 +38,7 @@ def with_report(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def write_found(found: Any, out: Path | None, report: Path | None = None, *, word: str = "Written") -> None:
-    """Write the files asked for: the TOML of a result with its figure beside it, or the figure alone; its report.
-
-    word: what is said of the TOML.
-    """
+    """Write what is asked for: TOML, called ``word``, with a figure beside it, or the figure alone; the report."""
     if out is not None:
         from fastcoil.base.figures import write
 
@@ -52,9 +48,7 @@ def write_found(found: Any, out: Path | None, report: Path | None = None, *, wor
         form = out.suffix.lower().removeprefix(".").replace("toml", "png")
         say(*(f"Figure:  {path}" for path in write({out.stem: found.plot()}, out.parent, format=form)))
     if report is not None:
-        from fastcoil.deliver.report.results import report as written
-
-        say(f"Report:  {written(found, report)}")
+        say(f"Report:  {fc.report(found, report)}")
 
 
 def _checked(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
@@ -125,9 +119,7 @@ def export(
         options = {"--csv": csv, "--metric": metrics, "--at": at}
         tables = [option for option, given in options.items() if given]
         if tables:
-            raise InputError(
-                f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: give the folder of a study"
-            )
+            raise InputError(f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: leave it out")
         export_code(path, language, out, has_test)
         return
     if language or has_test:
@@ -140,8 +132,7 @@ def export(
 
 def export_code(path: Path, language: str | None, out: Path | None, has_test: bool) -> None:
     """Write the code of the controller in a study file, with a valve test if asked; only the loop counts."""
-    from fastcoil.deliver.export.export import SUFFIXES, export_controller
-    from fastcoil.loops.valve_test import ValveTest
+    from fastcoil.deliver.export.export import SUFFIXES
     from fastcoil.study.file.own_code import load_rules
     from fastcoil.study.file.spec import read_study
 
@@ -152,9 +143,9 @@ def export_code(path: Path, language: str | None, out: Path | None, has_test: bo
     loop = study.plan.layout.loop
     load_rules(loop.rules, study.rules)
     announce_compilation()
-    made = ValveTest.heating if loop["action"] == "heating" else ValveTest
+    made = fc.ValveTest.heating if loop["action"] == "heating" else fc.ValveTest
     test = made() if has_test and loop["test_start"] is None else None
-    for written in export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):
+    for written in fc.export_controller(loop, out or Path(path.stem + SUFFIXES[language]), language, test=test):
         say(f"Written: {written}")
 
 

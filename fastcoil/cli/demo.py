@@ -7,24 +7,13 @@ from pathlib import Path
 
 import click
 
+import fastcoil as fc
 from fastcoil.base.errors import InputError
 from fastcoil.base.files import commit, entries, make_folder, storage_errors
 from fastcoil.cli.arguments import PATH
 from fastcoil.cli.terminal import announce_compilation, say
 
 _LOOP = {"backlash": 0.09, "kp": 0.03, "ti": 15.0}
-_STUDY = """title = "Which estimate of a gap of 9 % helps, and with which Ti?"
-[loop]
-preset = "lbnl"
-backlash = 0.09
-kp = 0.03
-[sweep]
-estimate_ratio = [0.0, 0.6, 0.8, 0.95, 1.1]
-ti = [15.0, 30.0, 60.0, 120.0]
-[boundary]
-hours = 8
-seed = [1, 2, 3, 4, 5]
-"""
 _COMMANDS = (
     ("A loop hunts.  Is it the valve?", "fastcoil diagnose log.csv --stroke-time 90"),
     (
@@ -52,7 +41,7 @@ def demo(context: click.Context, folder: Path | None) -> None:
             stack.enter_context(chdir(place))
         announce_compilation()
         commit(Path("log.csv"), _log().encode())
-        commit(Path("sweep.toml"), _STUDY.encode())
+        commit(Path("sweep.toml"), Path(__file__).with_name("demo.toml").read_bytes())
         main = context.find_root().command
         for question, command in _COMMANDS:
             say("", f"# {question}", f"$ {command}")
@@ -64,13 +53,9 @@ def demo(context: click.Context, folder: Path | None) -> None:
 
 def _log() -> str:
     """Six hours of a loop that hunts, as a building logs it."""
-    from fastcoil.loops.boundary.days import paper_day
-    from fastcoil.loops.loop import Loop
-    from fastcoil.loops.simulate import simulate
-
-    day = paper_day(hours=6, seed=2)
-    loop = Loop.preset("lbnl").assign(**_LOOP, noise_std=0.01)
-    ds = simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
+    day = fc.paper_day(hours=6, seed=2)
+    loop = fc.Loop.preset("lbnl").assign(**_LOOP, noise_std=0.01)
+    ds = fc.simulate(loop, day, traces=["command", "T_measured"], trace_interval=10, progress=False)
     T_set = day.to_dataset().T_set.sel(elapsed_time=ds.elapsed_time)
     rows = zip(ds.elapsed_time.values, ds.command.values, ds.T_measured.values, T_set.values, strict=True)
     lines = [f"{t:.0f},{command:.3f},{T_sup:.3f},{wanted:.3f}" for t, command, T_sup, wanted in rows]

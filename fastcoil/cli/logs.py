@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import fastcoil as fc
 from fastcoil.base.arguments import refuse
 from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import commit, exists, has_mark, require_file
@@ -18,7 +19,6 @@ from fastcoil.cli.deliver import with_report, write_found
 from fastcoil.cli.terminal import announce_compilation, say
 
 if TYPE_CHECKING:
-    from fastcoil.loops.loop import Loop
     from fastcoil.measured.fit import Fit
 
 
@@ -44,6 +44,13 @@ with_reading_options = options(
     click.argument("data", type=PATH),
 )  # fmt: skip
 """The argument DATA and the options of the log reader, named as the keywords of ``fc.diagnose``."""
+with_toml = click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
+with_stroke_time = click.option(
+    "--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default."
+)
+with_warm_up = click.option(
+    "--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start."
+)
 
 
 def require_writable(out: Path) -> None:
@@ -60,11 +67,11 @@ def require_writable(out: Path) -> None:
 @with_reading_options
 @click.argument("more", type=PATH, nargs=-1, metavar="[DATA]...")
 @with_report
-@click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
+@with_toml
 @click.option("--fleet", is_flag=True, help="DATA are logs of many valves, or folders of logs: rank the valves.")
 @click.option("-j", "--jobs", type=int, help="With --fleet: processes; all cores by default.")
 @click.option("--fail", is_flag=True, help="Exit code 1 if a valve hunts or has a gap of more than 1 %.")
-@click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
+@with_stroke_time
 @click.option("--sample-time", type=float, help="Sample time of the controller, s; estimated by default.")
 @click.option("--lag", type=float, help="Seconds by which T_sup is logged after the command; estimated by default.")
 @click.option("--kp", type=float, help="Gain of the controller, 1/K, with --ti; found by default.")
@@ -82,7 +89,6 @@ def diagnose(
 
     With --fleet, DATA are files of many valves, or folders of them; -o then names FILE.html, FILE.csv or a folder.
     """
-    from fastcoil.measured.diagnose import diagnose as diagnosed
     from fastcoil.measured.identify import GOOD
 
     if fleet:
@@ -93,7 +99,7 @@ def diagnose(
     if out is not None:
         require_writable(out)
     announce_compilation("mean_openings")
-    found = diagnosed([data, *more] if more else data, **options)
+    found = fc.diagnose([data, *more] if more else data, **options)
     say(*found.summary())
     write_found(found, out, report)
     if fail and (found.hunts or (found.identified and found.backlash > GOOD)):
@@ -103,13 +109,12 @@ def diagnose(
 def _survey(
     logs: Sequence[Path], out: Path | None, report: Path | None, jobs: int | None, fail: bool, options: dict[str, Any]
 ) -> None:
-    """Rank valves; ``out`` and ``options`` as of ``fc.survey``."""
-    from fastcoil.deliver.report.survey import AT_FAULT, HEAD, cells, headline, states, survey
+    from fastcoil.deliver.report.survey import AT_FAULT, HEAD, cells, headline, states
 
     if report is not None:
         raise InputError("--report: with --fleet, give the page with -o FILE.html")
     announce_compilation("mean_openings")
-    ds = survey(logs, out, n_jobs=jobs, **options)
+    ds = fc.survey(logs, out, n_jobs=jobs, **options)
     rows = cells(ds)[:_MOST_SHOWN]
     say(headline(ds), *(aligned([HEAD, *rows], right=(1, 2)) if rows else ()))
     warned = zip(ds["valve"].values, ds["warnings"].values[: len(rows)], strict=False)
@@ -147,18 +152,16 @@ def valve_test() -> None:
 @click.option("--hold", type=float, help="Wait after each ramp, s.")
 def plan_test(gentle: bool, heating: bool, **given: float | None) -> None:
     """Print what a technician does with a stop-watch."""
-    from fastcoil.loops.valve_test import ValveTest
-
     if gentle and heating:
         raise InputError("--gentle and --heating: give one of them")
-    made = ValveTest.gentle if gentle else ValveTest.heating if heating else ValveTest
+    made = fc.ValveTest.gentle if gentle else fc.ValveTest.heating if heating else fc.ValveTest
     say(*made(**{name: value for name, value in given.items() if value is not None}).instructions())
 
 
 @valve_test.command("read")
 @with_reading_options
-@click.option("-o", "--out", type=PATH, help="TOML file to write, and a figure beside it; none by default.")
-@click.option("--stroke-time", type=float, help="Seconds the motor takes from closed to open; 90 by default.")
+@with_toml
+@with_stroke_time
 @click.option("--between", type=float, nargs=2, metavar="START END", help="Start and end of the test, s, if the log "
               "has no column test.")  # fmt: skip
 def read(data: Path, out: Path | None, **options: Any) -> None:
@@ -167,12 +170,10 @@ def read(data: Path, out: Path | None, **options: Any) -> None:
     DATA is a CSV file with a row every 15 s or faster and the columns command, T_sup and elapsed_time or timestamp;
     test, which is 1 while the test runs; and, where there are any, T_set, m_a, T_a_in, T_w_in and enabled.
     """
-    from fastcoil.measured.read_test import read_test
-
     if out is not None:
         require_writable(out)
     announce_compilation("mean_openings")
-    found = read_test(data, **options)
+    found = fc.read_test(data, **options)
     say(*found.summary())
     write_found(found, out)
 
@@ -212,14 +213,13 @@ def join(
         time_format = check.unless_none(time_format_of, "--time-format", time_format)
         time_zone = check.unless_none(time_zone_of, "--time-zone", time_zone)
         check(_require_new, out)
-    joined = join_points(
+    text, notes = join_points(
         files, columns=pairs("--column", columns), units=pairs("--unit", units), time_format=time_format,
         time_zone=time_zone, step=step, max_gap=max_gap,
     )  # fmt: skip
     _require_new(out)
-    commit(out, joined.text.encode())
-    say(*joined.notes)
-    say(f"Joined:  {out}")
+    commit(out, text.encode())
+    say(*notes, f"Joined:  {out}")
 
 
 def _require_new(out: Path) -> None:
@@ -298,9 +298,7 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
     Time is elapsed_time or timestamp.  The optional column batch numbers the experiments in the log; the optional
     column enabled is 0 while the pump is off.
     """
-    from fastcoil.measured.fit_valve import fit_valve
-
-    run_fit(fit_valve, "valve_flows", out, report, data, **options)
+    run_fit(fc.fit_valve, "valve_flows", out, report, data, **options)
 
 
 @fit.command("coil")
@@ -308,7 +306,7 @@ def fit_valve_command(data: Path, out: Path, report: Path | None, **options: Any
 @click.option("-o", "--out", type=PATH, default="coil.toml", show_default=True, help="TOML file to write.")
 @with_constants
 @click.option("--both", is_flag=True, help="Minimise the error of the leaving water as well as that of the supply air.")
-@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
+@with_warm_up
 @click.option("--pressure", type=float, default=101325.0, show_default=True, help="Barometric pressure, Pa.")
 @click.option("--hold", "holds", multiple=True, metavar="NAME", help="An input that is constant until the next sample.")
 def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **options: Any) -> None:
@@ -317,9 +315,7 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
     T_w_out is compared if present.  Time is elapsed_time or timestamp.  The model restarts after a gap, and after a
     time without air flow (or with 0 in the optional column enabled).
     """
-    from fastcoil.measured.fit_coil import fit_coil
-
-    run_fit(fit_coil, "march_coil", out, report, data, minimise_on="both" if both else "T_sup", **options)
+    run_fit(fc.fit_coil, "march_coil", out, report, data, minimise_on="both" if both else "T_sup", **options)
 
 
 @fit.command("loop")
@@ -334,21 +330,13 @@ def fit_coil_command(data: Path, out: Path, both: bool, report: Path | None, **o
     help="Valve curve, coil, motor and sensor: a preset, and files written by `fastcoil fit`.",
 )
 @with_constants
-@click.option("--warm-up", type=float, default=1800.0, show_default=True, help="Seconds excluded after each start.")
+@with_warm_up
 def fit_loop_command(data: Path, out: Path, parts: Sequence[str], report: Path | None, **options: Any) -> None:
     """Fit the backlash without a flow meter, to command, T_sup, m_a, T_w_in, T_a_in, W_a_in (or RH_a_in, T_dp_in).
 
     Each candidate is simulated with the logged command.  Small errors of the coil and the valve curve do little harm;
     the log needs a sample every minute or more often.
     """
-    from fastcoil.measured.fit_loop import fit_loop
-
-    run_fit(fit_loop, "emulate", out, report, data, _loop_of(parts), **options)
-
-
-def _loop_of(parts: Sequence[str]) -> Loop:
-    """The preset, ``paper_like`` by default, with the parameters from the files."""
-    from fastcoil.loops.loop import Loop
     from fastcoil.loops.presets import PRESETS
     from fastcoil.study.file.loop import read_includes
 
@@ -358,5 +346,5 @@ def _loop_of(parts: Sequence[str]) -> Loop:
     refuse([f"--loop {shown(part)}: give one of {', '.join(PRESETS)}, or a file NAME.toml" for part in wrong])
     if len(names) > 1:
         raise InputError(f"--loop {' --loop '.join(names)}: give one preset")
-    included = read_includes({"include": files}, Path())
-    return Loop.preset(*names or ["paper_like"]).assign(**included)
+    loop = fc.Loop.preset(*names or ["paper_like"]).assign(**read_includes({"include": files}, Path()))
+    run_fit(fc.fit_loop, "emulate", out, report, data, loop, **options)

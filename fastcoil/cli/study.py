@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import fastcoil as fc
 from fastcoil.base.arguments import choice_of
 from fastcoil.base.errors import EXIT_FAILED_SCENARIOS, InputError, IntegrityError, missing_extra
 from fastcoil.base.files import commit, exists, file_name, is_folder, require_file
@@ -33,10 +34,12 @@ if TYPE_CHECKING:
 
     from fastcoil.base.progress import Advance
 
+with_folder = click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+
 
 @click.command()
 @click.argument("study", type=PATH)
-@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@with_folder
 @click.option("-j", "--jobs", type=int, help="Number of workers; all cores by default.  Does not affect results.")
 @click.option("--backend", default="threads", show_default=True, help="threads, loky (processes) or dask.")
 @click.option("--scheduler", help="Address of the scheduler of a dask cluster.")
@@ -224,9 +227,7 @@ def parameters(names: tuple[str, ...]) -> None:
 @click.command()
 def presets() -> None:
     """List the presets and how they differ from the defaults."""
-    from fastcoil.loops.presets import PRESETS
-
-    say(*repr(PRESETS).split("\n"))
+    say(*repr(fc.presets()).split("\n"))
 
 
 _WIDTHS = 40.0, 500.0  # allowed range in mm
@@ -300,10 +301,8 @@ def _figure(
     if by is None and unlike:
         by, *unlike = unlike
     if unlike:
-        raise InputError(
-            f"{unlike[0]}: the plain PI and other controllers would be pooled in one median: select one with --at "
-            f"{unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
-        )
+        which = f"select one with --at {unlike[0]}={part[unlike[0]].values[0]}, or give --by {unlike[0]}"
+        raise InputError(f"{unlike[0]}: a plain PI would be pooled with other controllers in one median: {which}")
     shown = metrics or plots.STANDARD_METRICS[: plots.panels_abreast(width) if by else None]
     return partial(plots.panels, part, x, y, by, shown, width)
 
@@ -339,10 +338,7 @@ def _inches(width: str | None) -> float | None:
 
 
 def draw_standard_figures(folder: Path, ds: xr.Dataset) -> list[Path]:
-    """Draw those standard figures of the results ``ds`` that are missing in ``folder`` or outdated.
-
-    The caller holds the lock of the folder.  Returns the PNG figures there that show these results.
-    """
+    """Draw standard figures of ``ds`` that a locked folder lacks or has of others; its PNG figures of these results."""
     from fastcoil.base.figures import FIGURES, current_figures, write
     from fastcoil.deliver.figures import swept as plots
 
@@ -372,14 +368,13 @@ def explain(target: Path, at: Sequence[str], changes: Sequence[str], out: Path |
       fastcoil explain results/study --at backlash=0.07 --at day=3 -o explain.png
     """  # noqa: D301 — click reads the backspace
     from fastcoil.base.figures import FORMATS
-    from fastcoil.design.explain import explain as explained
     from fastcoil.study.maintenance import one_scenario
 
     if out is not None:
         require_file("-o", out, *(f".{form}" for form in FORMATS))
     scenario = one_scenario(target, labels_of(at), pairs("--set", changes))
     announce_compilation()
-    found = explained(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
+    found = fc.explain(scenario.loop, scenario.boundary, warm_up=scenario.warm_up, seed=scenario.seed)
     say(scenario.title, *found.text.splitlines())
     write_found(found, out, report)
 
@@ -389,7 +384,7 @@ CHOSEN = "tuning.toml"
 
 @click.command()
 @click.argument("study", type=PATH)
-@click.option("-o", "--out", type=PATH, help="Folder of the results; results/NAME by default.")
+@with_folder
 @click.option("-j", "--jobs", type=int, help="Threads; all cores by default.  Results do not depend on it.")
 @with_report
 def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -> None:
@@ -407,9 +402,7 @@ def tune(study: Path, out: Path | None, jobs: int | None, report: Path | None) -
     n_jobs, folder = workers(jobs), out or default_folder(study)
     asked = read_study(study, prepare=run_own_code).tuning
     if asked is None:
-        raise InputError(
-            f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1], ti = [5, 600] }}"
-        )
+        raise InputError(f"{study} has no table [tune]: add one, such as search = {{ kp = [0.005, 0.1] }}")
     announce_compilation()
     with interruptible(study, folder, "tune"), hold(folder):
         with Shown() as shown:

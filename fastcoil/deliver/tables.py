@@ -31,10 +31,7 @@ COMMENT = "#"
 
 
 class Tidy:
-    """A checked result as rows: labels, parameters that differ, metrics, status.
-
-    metrics: the results to have, see ``check_metrics``; all that are one number per scenario-day by default.
-    """
+    """A checked result as rows: labels, parameters that differ, ``metrics`` (all that have a number), status."""
 
     def __init__(self, ds: xr.Dataset, metrics: tuple[str, ...] = ()) -> None:
         dims = [str(d) for d in ds["status"].dims]
@@ -75,10 +72,8 @@ def check_metrics(ds: xr.Dataset, metrics: tuple[str, ...]) -> None:
             meant = metric_meant(name) or nearest(name, map(str, ds.data_vars))
             problems.append(f"--metric {shown(name)} is not in this result{meant}")
         elif others := [str(d) for d in ds[name].dims if d not in dims]:
-            problems.append(
-                f"--metric {name} has values along {' and '.join(others)}, and a table has one for each scenario-day: "
-                f"name a metric, or take fc.open_study(...)[{name!r}].to_dataframe() in Python"
-            )
+            along = f"has values along {' and '.join(others)}"
+            problems.append(f"--metric {name} {along}: name one that has a value for each scenario-day")
     refuse(problems)
 
 

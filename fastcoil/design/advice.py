@@ -23,22 +23,17 @@ from fastcoil.loops.simulate import simulate
 from fastcoil.model.metric_table import HUNTING_SWING, OFF, SETTLING_TIME, STATUS_OK
 from fastcoil.model.parameter_table import PARAMETERS, Scalar
 
-UNSURE = (0.7, 1.0)
-"""Margins between which theory does not decide."""
-SAFE = 0.7
-"""Margin that a cure has to reach."""
+UNSURE = (0.7, 1.0)  # margins between which theory does not decide
+SAFE = 0.7  # margin that a cure has to reach
 AS_IS, LOWER_KP, LONGER_TI, SIMC, SIMULATED, PI, NO_INVERSE, ACTION, DEAD_BAND, INVERSE, BOTH, REPAIRED = (
     "as_it_is", "lower_kp", "longer_ti", "simc", "simulated_gains", "pi", "no_inverse", "action", "dead_band",
     "inverse", "simc_and_inverse", "repaired_valve",
 )  # fmt: skip
-GAINS = (LOWER_KP, LONGER_TI, SIMC, SIMULATED)
-"""Cures that change kp and ti alone."""
+GAINS = (LOWER_KP, LONGER_TI, SIMC, SIMULATED)  # cures that change kp and ti alone
 INVERSE_SHARE, BUFFER_RATIO, BUFFER_SWING = 0.95, 6.0, 0.1
 """Of an inverse with a buffer that goes with the noise; K of the last: what docs/findings/remedies.md recommends."""
-LEAST_GAIN = 0.2
-"""Smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1."""
-DEAD_BAND_WIDTHS = (0.1, 0.5)
-"""Least and most, K; as wide as the swing is high in between."""
+LEAST_GAIN = 0.2  # smallest plant gain that the buffer may reckon with, K per stroke: the buffer has to stay below 1
+DEAD_BAND_WIDTHS = (0.1, 0.5)  # least and most, K; as wide as the swing is high in between
 _QUIET_DEAD_BAND = 0.25  # K, where nothing hunts
 _FACTORS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)  # of the kp that is tried where no gains of theory stop the hunting
 _TIMES = (1.0, 2.0, 4.0, 8.0)  # of the ti that is tried with each
@@ -57,11 +52,7 @@ def _gains(name: str, kp: float, ti: float, words: str = "") -> Cure:
 
 
 def cures_of(loop: Loop, prediction: Prediction, *, has_theory: bool) -> list[Cure]:
-    """What to try on one loop, as it is first.
-
-    prediction: of the loop, or where theory does not hold of the nearest one for which it does: its gains are tried all
-    the same.
-    """
+    """What to try on a loop, as it is first; ``prediction``: of it, or of the nearest for which theory holds."""
     kp, ti, backlash = (float(loop[name]) for name in ("kp", "ti", "backlash"))  # type: ignore[arg-type]
     turned = prediction.loop["action"] != loop["action"]
     found = [Cure(AS_IS, "as it is", {})]
@@ -159,12 +150,9 @@ class Trial(NamedTuple):
 
 
 _POINTS = 43200  # most samples of a trace: one every 2 s of a day
-SEEN = 0.01
-"""Temperature difference that counts, K."""
-PLAIN = 1.5
-"""So many times as large a swing shows that a loop hunts here and not there."""
-AS_PREDICTED = 0.7
-"""Simulated over predicted swing from which the one counts as the other."""
+SEEN = 0.01  # temperature difference that counts, K
+PLAIN = 1.5  # so many times as large a swing shows that a loop hunts here and not there
+AS_PREDICTED = 0.7  # simulated over predicted swing from which the one counts as the other
 TOO_LARGE, FEW_TURNS, BY_JUMPS = 1.02, 2.0, 1.0 / 3.0
 """A motor chatters with so large an estimate relative to the gap (an estimator finds it to a few thousandths), more
 turns in 10 min than that, and so large a share of its travel in the jumps at the turns."""
@@ -232,11 +220,7 @@ def _median(values: Array) -> float:
 
 
 def with_simulated_gains(trial: Trial, cures: list[Cure]) -> list[Cure]:
-    """The cures with gains that only the simulation finds, second, where it finds some.
-
-    kp and ti around those of SIMC, or of the loop: the pair with the least error of those that do not hunt, and that do
-    not hunt with the next larger kp either.
-    """
+    """The cures, second the best kp and ti around those of SIMC that do not hunt, nor with the next larger kp."""
     own = {name: trial.loop[name] for name in ("kp", "ti")}
     start: Mapping[str, Any] = next((cure.changes for cure in cures if cure.name == SIMC), own)
     pairs = [[(start["kp"] * factor, start["ti"] * time) for factor in _FACTORS] for time in _TIMES]
@@ -263,13 +247,6 @@ class Option(NamedTuple):
     chatters: bool = False
 
 
-def options_of(cures: xr.Dataset) -> list[Option]:
-    """The options that ``try_cures`` tried."""
-    cures = cures.assign(error=cures["rmse"].where(cures["status"] == STATUS_OK), hunts=cures["hunting"] > 0.0)
-    names = ("cure", "words", "error", "motor_travel", "hunts", "margin", "chatters")
-    return [Option(*row) for row in zip(*(cures[name].values.tolist() for name in names), strict=True)]
-
-
 class Advice(NamedTuple):
     """Which option to take, 0 for none, and the sentences that say so."""
 
@@ -277,8 +254,7 @@ class Advice(NamedTuple):
     text: str
 
 
-WORSE, BETTER = 1.05, 0.95
-"""RMSE relative to now from which an option counts as worse, and up to which as better."""
+WORSE, BETTER = 1.05, 0.95  # RMSE relative to now from which an option counts as worse, and up to which as better
 _RANKS = {INVERSE: 1, BOTH: 1, DEAD_BAND: 3, REPAIRED: 4}
 """Settings of the PI come first, then what asks for the size of the gap, then (2) what is calm although its margin is
 too large or its motor chatters; a dead band hides the swing, a repair is no setting."""
@@ -366,19 +342,17 @@ def _compared(error: float) -> str:
     return "worse" if error > WORSE else "better" if error < BETTER else "no gain"
 
 
-LOST = 0.5
-"""Share of the time off the set-point from which a loop does not hold it."""
+LOST = 0.5  # share of the time off the set-point from which a loop does not hold it
 
 
 def find_cures(trial: Trial, prediction: Prediction) -> tuple[xr.Dataset, Advice]:
-    """Try what may help, and gains that only simulation finds where no others stop the hunting.
-
-    prediction: see ``cures_of``.  Returns ``try_cures`` with ``verdict``, and what to do.
-    """
+    """``try_cures`` with ``verdict``, also gains that only simulation finds where no others help; and what to do."""
     cures = cures_of(trial.loop, prediction, has_theory=trial.prediction is not None)
     ds = try_cures(trial, cures)
     if ds["hunting"][0] and not (ds["hunting"] == 0.0)[np.isin(ds["cure"], GAINS)].any():
         ds = try_cures(trial, with_simulated_gains(trial, cures))
-    options = options_of(ds)
+    tried = ds.assign(error=ds["rmse"].where(ds["status"] == STATUS_OK), hunts=ds["hunting"] > 0.0)
+    names = ("cure", "words", "error", "motor_travel", "hunts", "margin", "chatters")
+    options = [Option(*row) for row in zip(*(tried[name].values.tolist() for name in names), strict=True)]
     ds = ds.assign(verdict=("cure", [verdict(options[0], option) for option in options]))
     return ds, advise(options, holds=not ds["share_off"][0] > LOST, least=SEEN)

@@ -17,10 +17,8 @@ MEAN, NOW = "mean", "now"
 _MOST = f'give a number, "{NOW}" for what the loop does now, or a pair such as (0.05, "{MEAN}")'
 TRAVEL, HUNTS = "motor_travel", "hunts"
 _ANSWERS = ("rmse", "share_off", "motor_travel", "reversals")  # examples of what less is better of
-COUNTED = tuple(m.name for m in METRICS.values() if not m.flags)
-"""Metrics that are amounts."""
-MARGIN = "margin"
-"""The margin of the describing function, which may be limited like a metric."""
+COUNTED = tuple(m.name for m in METRICS.values() if not m.flags)  # metrics that are amounts
+MARGIN = "margin"  # the margin of the describing function, which may be limited like a metric
 NO_GOALS = frozenset(
     (
         "estimate_final", "estimate_settled", "estimate_first_down", "size_error", "half_periods",
@@ -84,9 +82,7 @@ def goal_of(objective: object, quantile: object) -> Measure:
     """The measure that the search makes small."""
     metric = choice_of("objective", objective, COUNTED)
     if metric in NO_GOALS:
-        raise InputError(
-            f"objective = {shown(metric)}: less of it is not better; choose another, such as {', '.join(_ANSWERS)}"
-        )
+        raise InputError(f"objective = {shown(metric)}: less of it is not better; choose {' or '.join(_ANSWERS)}")
     return Measure(metric, quantile_of("quantile", quantile))
 
 

@@ -19,8 +19,7 @@ from fastcoil.loops.loop import Loop
 from fastcoil.loops.scenarios import Layout, columns_of, coordinate_attrs
 from fastcoil.model.metric_table import WARM_UP
 
-ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")
-"""Series of the boundary that make an operating point."""
+ENTERING = ("m_a", "T_a_in", "W_a_in", "T_w_in", "T_set")  # series of the boundary that make an operating point
 Evaluation = Callable[[Columns, Mapping[str, Array], Plants], Iterable[tuple[str, Array]]]
 """Variables by name, (n, …) each, of n points with these parameters, conditions and plants."""
 _CHUNK = 2048  # points at a time: their responses take up to 60 MB
@@ -125,17 +124,12 @@ def require_one_gap(boundary: Boundary) -> None:
     low, high = boundary.extremes["backlash_scale"]
     if not low == high == 1.0:
         found = f"= {low:g}" if low == high else f"goes from {low:g} to {high:g}"
-        raise InputError(
-            f"backlash_scale {found}: theory knows a gap of one size; give the boundary without "
-            "it, boundary.assign(backlash_scale=1), and the backlash that you mean"
-        )
+        cure = "give boundary.assign(backlash_scale=1), and the backlash that you mean"
+        raise InputError(f"backlash_scale {found}: theory knows a gap of one size; {cure}")
 
 
 def mean_conditions(boundary: Boundary, warm_up: int, *, carry_over: bool = False) -> dict[str, Array]:
-    """Means of ENTERING over the enabled seconds after the warm-up, (n_days,); NaN for a day without any.
-
-    carry_over: whether only the first day has a warm-up.
-    """
+    """Means of ENTERING over enabled seconds, (n_days,); NaN without any.  carry_over: only day 1 has a warm-up."""
     found = {name: np.empty(boundary.n_days) for name in ENTERING}
     for k in range(boundary.n_days):
         rows = boundary.of_day(k)
@@ -166,23 +160,17 @@ def _samples(boundary: Boundary, seconds: Index) -> dict[str, Array]:
     return {name: np.stack([day[name] for day in days]) for name in ENTERING}
 
 
-SAME_SET_POINT = 0.5
-"""Set-points of an hour that differ by less may count as one, K."""
-SHORTEST = 300
-"""Seconds that an hour must spend at a set-point before it counts as an operating point of its own."""
+SAME_SET_POINT = 0.5  # set-points of an hour that differ by less may count as one, K
+SHORTEST = 300  # seconds that an hour must spend at a set-point before it counts as an operating point of its own
 
 
 class PointsOfDay(NamedTuple):
-    """Operating points of a day, in the order of time.
+    """Operating points of a day, in the order of time."""
 
-    start, seconds: (n,) first second, and how many the point stands for.  conditions: name → (n,) means.
-    of_second: (n_steps,), number of the point that a second belongs to; -1 for none.
-    """
-
-    start: Index
-    seconds: Index
-    conditions: dict[str, Array]
-    of_second: Index
+    start: Index  # first second, (n,)
+    seconds: Index  # how many the point stands for, (n,)
+    conditions: dict[str, Array]  # means, (n,) each
+    of_second: Index  # number of the point that a second belongs to, -1 for none, (n_steps,)
 
     @property
     def size(self) -> int:
@@ -190,11 +178,7 @@ class PointsOfDay(NamedTuple):
 
 
 def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) -> PointsOfDay:
-    """Operating points of a boundary of one day: those of each hour at each set-point, or of the second ``at`` alone.
-
-    Neither the ``warm_up`` seconds at the start count nor those in which the plant is off; refused if it is off all
-    day, or at that second.
-    """
+    """Points of a day: of each hour at each set-point, or of the second ``at``; plant on, after the warm-up."""
     series = {name: boundary.series[name][0] for name in ENTERING}
     on = boundary.series["enabled"][0] > 0.0
     if at is not None:

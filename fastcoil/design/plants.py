@@ -45,10 +45,7 @@ def _last_ratio(changes: Array) -> Array:
 
 
 def _continued(response: Array, more: int) -> tuple[Array, Array]:
-    """The responses and ``more`` seconds behind their end, and the ratio of successive changes there, (n, 1).
-
-    Geometric: each change behind the end is the one before it times the ratio.
-    """
+    """The responses and ``more`` seconds behind their end, as a geometric series, and its ratio, (n, 1)."""
     changes = np.diff(response, axis=1, prepend=0.0)
     ratio = _last_ratio(changes)[:, None]
     tail = response[:, -1:] + changes[:, -1:] * ratio * (1.0 - ratio ** np.arange(1, more + 1)) / (1.0 - ratio)
@@ -94,39 +91,28 @@ Columns = Mapping[str, NDArray[Any]]
 
 PLANT = tuple(p.name for p in PARAMETERS.values() if p.group in ("coil", "valve") and p.name != "T_initial")
 """Parameters on which the plant depends, from the opening to the supply temperature."""
-LONGEST = 3600
-"""Seconds of the longest response; one that goes on does so as a geometric series."""
-OPENINGS = np.linspace(0.0, 1.0, 17)
-"""Openings of the curve of T_sup."""
+LONGEST = 3600  # seconds of the longest response; one that goes on does so as a geometric series
+OPENINGS = np.linspace(0.0, 1.0, 17)  # openings of the curve of T_sup
 _TOLERANCE = 1e-4
 """From where it stays this near to its end, as a fraction of the gain, a response is a geometric series."""
 
 
 class Plants(NamedTuple):
-    """Plants at rest, linearised; n loops.
+    """Plants at rest, linearised; n loops, (n,) each.
 
-    opening: (n,), fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it.
-    T_sup: (n,), °C, at rest there.
-    gain: (n,), K per unit opening, below 0 for cooling.  NaN, as the response, where T_sup jumps past the set-point: a
-        coil that exchanges less when it is wet than when it is dry has two states of rest.
-    reachable: (n,), whether an opening holds the set-point.
-    m_w: (n,), kg/s.
-    wet_volumes: (n,); a volume that is wet and dry by turns counts with the share of time in which it is wet.
-    response: (n, n_steps), K per unit opening: true T_sup at seconds 1 to n_steps after a small step of the opening at
-        second 0, long enough to settle.
-    same: (n,), loops with equal numbers have one and the same plant, 0 to the number of plants - 1.
-    curve: (n, 17), °C: T_sup at rest at each of OPENINGS.
+    Gain and response are NaN where T_sup jumps past the set-point: a coil that exchanges less when it is wet than when
+    it is dry has two states of rest.
     """
 
-    opening: Array
-    T_sup: Array
-    gain: Array
-    reachable: Mask
-    m_w: Array
-    wet_volumes: Array
-    response: Array
-    same: Index
-    curve: Array
+    opening: Array  # fraction; the end, 0 or 1, that comes nearest to the set-point where no opening holds it
+    T_sup: Array  # °C, at rest there
+    gain: Array  # K per unit opening, below 0 for cooling
+    reachable: Mask  # whether an opening holds the set-point
+    m_w: Array  # kg/s
+    wet_volumes: Array  # one that is wet and dry by turns counts with the share of time in which it is wet
+    response: Array  # (n, n_steps), K per unit opening: true T_sup 1 to n_steps s after a small step, until it settles
+    same: Index  # loops with equal numbers have one and the same plant, 0 to the number of plants - 1
+    curve: Array  # (n, 17), °C: T_sup at rest at each of OPENINGS
 
     def some(self, members: Index) -> Plants:
         """Those of the loops ``members``."""
@@ -171,10 +157,7 @@ def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
 
 
 def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Index]:
-    """The different plants among those of ``plants_of``.
-
-    Returns their parameters, (len(PARAMETER_ROWS), n), what enters, (4, n), T_set, (n,), and the plant of each loop.
-    """
+    """Parameters, (rows, n), what enters, (4, n), T_set, (n,), of the different plants, and the plant of each loop."""
     n = len(columns["C_w"])
     # all at its default that no plant depends on
     filled = {name: np.full(n, math.nan if p.default is None else p.default) for name, p in PARAMETERS.items()}
@@ -221,10 +204,7 @@ def _turned(columns: Columns) -> Array:
 
 
 def sampled_plant(columns: Columns, plants: Plants, w: Array) -> tuple[Complex, Index]:
-    """From the opening to the measured temperature as the controller samples it, K per unit opening.
-
-    Computed once for loops of one plant, sensor and sample time.  Returns (n_kinds, n_w), and the kind of each loop.
-    """
+    """From opening to T as sampled, K per unit opening, (n_kinds, n_w), and each loop's kind of plant and sensor."""
     ts, tau = (np.asarray(columns[name], float) for name in ("sample_time", "sensor_time_constant"))
     first, which = distinct(plants.same, ts, tau)
     P = np.empty((first.size, w.size), complex)
@@ -249,11 +229,7 @@ def state_names(n_volumes: int) -> tuple[str, ...]:
 
 
 def state_space_of(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
-    """A and B of x[t+1] = A x[t] + B opening[t], deviations from rest at the set-point; t in seconds.
-
-    Returns (n, 4 N, 4 N) and (n, 4 N), in the order of ``state_names``.
-    columns, conditions: as for ``plants_of``; all with one number of volumes N.
-    """
+    """A, (n, 4 N, 4 N), and B, (n, 4 N), of x[t+1] = A x[t] + B opening[t] about rest, t in s; see ``state_names``."""
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
     size = len(at_rest.STATES) * int(columns["n_volumes"][0])
 

@@ -115,10 +115,8 @@ def run_tuning(asked: Asked, on_show: Shown) -> Tuning:
     scores = scores_of(asked, found)
     at = best(scores)
     if not np.isfinite(scores.goal[at]):
-        raise InputError(
-            f"objective = {asked.goal.metric!r}: with every tuning that was tried, it is missing on more valves and "
-            "days than the quantile leaves out; search other bounds, or another objective"
-        )
+        what = "with every tuning it is missing on more valves and days than the quantile leaves out"
+        raise InputError(f"objective = {asked.goal.metric!r}: {what}; search other bounds, or another objective")
     front = on_front(scores)
     if front.size > _MOST_ON_FRONT:  # some points of it evenly along, both ends among them
         front = front[np.unique(np.linspace(0, front.size - 1, _MOST_ON_FRONT).round().astype(int))]
@@ -147,11 +145,8 @@ def measured(asked: Asked, group: Group, changes: Mapping[str, Any]) -> dict[str
 def scores_of(asked: Asked, found: Mapping[str, Array]) -> Scores:
     """What the search compares, from measures (n,)."""
     others = [limit for limit in asked.limits if limit.measure != asked.travel]
-    return Scores(
-        violation(asked.limits, found),
-        violation(others, found),
-        *(found[measure.name] for measure in (asked.goal, asked.error, asked.travel)),
-    )
+    compared = (found[measure.name] for measure in (asked.goal, asked.error, asked.travel))
+    return Scores(violation(asked.limits, found), violation(others, found), *compared)
 
 
 def _beginning(asked: Asked) -> Array:
@@ -186,10 +181,7 @@ def _dataset(dim: str, asked: Asked, values: Array, found: Mapping[str, Array]) 
 
 
 class Scores(NamedTuple):
-    """What is compared, (n,) each.
-
-    By how much the limits are broken, and those but that of the travel; the goal; error and travel of the front.
-    """
+    """What is compared, (n,): limits broken, and those but of the travel; the goal; error, travel of the front."""
 
     violation: Array
     other_violation: Array
@@ -202,11 +194,7 @@ _LEAST = 8  # points of the smallest generation
 
 
 def effort(d: int, evaluations: int) -> tuple[int, int, int]:
-    """How ``evaluations`` points of ``d`` axes are spent.
-
-    Returns the points of a generation, the generations that seek the goal, the first one among them, and those that go
-    along the front, a quarter.
-    """
+    """Points of a generation; generations that seek the goal, the first one among them, and along the front."""
     size = max(_LEAST, 4 * d)
     generations = max(1, round(evaluations / size))
     return size, generations - generations // 4, generations // 4
@@ -233,7 +221,9 @@ def evolve(scored: Callable[[Array], Scores], first: Array, d: int, evaluations:
     """
     rng = np.random.default_rng([seed, 2])
     size, for_goal, for_front = effort(d, evaluations)
-    points = np.concatenate([first, _filling(rng, size - len(first), d)])[:size]
+    n = max(size - len(first), 0)  # fill up with a Latin hypercube: each axis is cut into n parts with a point in each
+    parts = np.stack([rng.permutation(n) for _ in range(d)], axis=1)
+    points = np.concatenate([first, (parts + rng.random(parts.shape)) / max(n, 1)])[:size]
     scores = scored(points)
     tried, of_tried = points, scores
 
@@ -262,20 +252,11 @@ def best(scores: Scores) -> int:
 
 
 def on_front(scores: Scores) -> Index:
-    """Places of the points of which no other has both less travel and a lower error, in the order of the travel.
-
-    Of the limits, that of the travel does not count.  Where no point keeps the others, those that break them least.
-    """
+    """Points that no other beats in travel and error, by travel; of the limits that of the travel does not count."""
     kept = np.flatnonzero(scores.other_violation == scores.other_violation.min())
     order = kept[np.lexsort((scores.error[kept], scores.travel[kept]))]
     lowest = np.minimum.accumulate(np.concatenate([[np.inf], scores.error[order][:-1]]))
     return np.asarray(order[(scores.error[order] < lowest) & np.isfinite(scores.travel[order])])
-
-
-def _filling(rng: np.random.Generator, n: int, d: int) -> Array:
-    """A Latin hypercube: each axis is cut into n parts with a point in each."""
-    parts = np.stack([rng.permutation(n) for _ in range(d)], axis=1) if n > 0 else np.empty((0, d))
-    return (parts + rng.random(parts.shape)) / max(n, 1)
 
 
 def _trials(rng: np.random.Generator, points: Array, best_at: int) -> Array:

@@ -92,8 +92,7 @@ def axes_of(search: object, loop: Loop) -> tuple[Axis, ...]:
         problems.append("search: estimate_ratio stands in for backlash_estimate: search one or the other")
     kept = {dim for name, value in loop.swept.items() if name not in given for dim in value.dims}
     problems += [
-        f"search: {name} is swept along {dim!r}, where nothing else varies: leave it out of the loop's sweep, or put "
-        "it along the dim of the valves"
+        f"search: {name} is swept along {dim!r}, where nothing else varies: sweep it along the dim of the valves"
         for name in given.keys() & loop.swept.keys()
         for dim in loop.swept[name].dims
         if dim not in kept
@@ -108,10 +107,7 @@ def _axis(name: str, bounds: object, loop: Loop) -> Axis:
         raise InputError(f"{name} is a word: tune the loop with each of {parameter.bounds} and compare")
     of_controller = parameter.group in _GROUPS and name != "plant_gain"
     if not of_controller and not any(name in rule.own for rule in loop.rules.values()):
-        raise InputError(
-            f"{name} is not the controller's to choose: draw it in the population, as a dim of the loop, and "
-            "search kp, ti, buffer or another setting of the controller"
-        )
+        raise InputError(f"{name} is not the controller's to choose: draw it in the population, as a dim of the loop")
     pair = plain(bounds)
     if not isinstance(pair, (list, tuple)) or len(pair) != 2 or not all(map(is_number, pair)):
         raise InputError(WrongType(f"{name} = {shown(bounds)}: give two numbers, (lowest, highest)"))
@@ -206,8 +202,7 @@ def plan_tuning(
 
 
 _MOST_CORNERS = 6  # axes of which all combinations of ends are looked at
-ONE_OF = 3
-"""One valve of so many is held out, and one day."""
+ONE_OF = 3  # one valve of so many is held out, and one day
 VALVE, TUNING = "sample", "tuning"
 """Dim of the population once its own dims are flattened; dim of the tunings that it is tried with."""
 
@@ -226,10 +221,7 @@ class Group(NamedTuple):
 
 
 def held_valves(backlash: Array, seed: int) -> Index:
-    """One of every three valves, drawn, in the order of their backlash (n,); sorted positions.
-
-    So both groups have good valves and bad ones alike; what is left over at the end is not held out.
-    """
+    """One of every three valves, drawn in the order of backlash, (n,), so that both groups are alike; sorted."""
     order = np.argsort(backlash, kind="stable")
     threes = order[: order.size // ONE_OF * ONE_OF].reshape(-1, ONE_OF)
     drawn = np.random.default_rng([seed, 1]).integers(0, ONE_OF, threes.shape[0])
@@ -248,35 +240,22 @@ def split_days(boundary: Boundary, holdout: object) -> tuple[Boundary, Boundary]
     """The days to tune on, and those held out: another boundary, labels of days, or by default the last third."""
     n = boundary.n_days
     if isinstance(holdout, Boundary):
-        _require_comparable(boundary, holdout)
+        if holdout.n_steps != boundary.n_steps:
+            raise InputError(f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long")
+        searched = {day_digest(0, boundary.of_day(k)): boundary.day[k] for k in range(n)}
+        of_holdout = {day_digest(0, holdout.of_day(k)): holdout.day[k] for k in range(holdout.n_days)}
+        shared = [f"day {name} is day {searched[day]}" for day, name in of_holdout.items() if day in searched]
+        refuse([f"holdout: its {days} of the boundary: give days that it does not have" for days in shared])
         return boundary, holdout.isel(day=np.arange(holdout.n_days))
     known = boundary.day.tolist()
     labels: Any = known[n - max(1, n // ONE_OF) :] if holdout is None else np.asarray(holdout).tolist()
     if not isinstance(labels, list) or not labels or not all(label in known for label in labels):
-        raise InputError(
-            f"holdout = {shown(holdout)}: give a Boundary of other days, or some of the boundary's days {shown(known)}"
-        )
+        raise InputError(f"holdout = {shown(holdout)}: give a Boundary of other days, or some of {shown(known)}")
     held = np.array(sorted({known.index(label) for label in labels}))
     if held.size == n:
-        raise InputError(
-            f"boundary has {n} days, all held out, so that none is left to tune on: give several, such as "
-            "paper_day(seed=[1, 2, 3]), or others with holdout=…"
-        )
+        raise InputError(f"boundary has {n} days, all held out: give several, or others with holdout=…")
     kept = np.setdiff1d(np.arange(n), held)
     return boundary.isel(day=kept), boundary.isel(day=held)
-
-
-def _require_comparable(boundary: Boundary, holdout: Boundary) -> None:
-    if holdout.n_steps != boundary.n_steps:
-        raise InputError(
-            f"holdout lasts {holdout.hours:g} h, boundary {boundary.hours:g} h: give days as long, since travel adds up"
-        )
-    searched = {day_digest(0, boundary.of_day(k)): boundary.day[k] for k in range(boundary.n_days)}
-    for k in range(holdout.n_days):
-        if (same := searched.get(day_digest(0, holdout.of_day(k)))) is not None:
-            raise InputError(
-                f"holdout: its day {holdout.day[k]} is day {same} of the boundary: give days that it does not have"
-            )
 
 
 def split(loop: Loop, boundary: Boundary, holdout: object, seed: int) -> tuple[Group, Group]:
@@ -298,16 +277,11 @@ def margins(loop: Loop, boundary: Boundary, warm_up: int) -> xr.DataArray:
     return points.dataset({MARGIN: (found[MARGIN], {})})[MARGIN]
 
 
-Changes = Mapping[str, tuple[str, Array]]
-"""Dim and values of parameters that change."""
+Changes = Mapping[str, tuple[str, Array]]  # dim and values of parameters that change
 
 
 def own_gains(group: Group, names: Sequence[str], warm_up: int) -> Changes:
-    """kp and ti after SIMC for each valve of a group: the median of its days at their mean conditions.
-
-    A valve that cannot hold the set-point on any day gets the median of the others.  Empty where kp and ti are not what
-    is searched, or SIMC gives no valve anything.
-    """
+    """kp and ti after SIMC of each valve, the median of its days; of all valves where it has none; or nothing."""
     if not {"kp", "ti"} <= set(names):
         return {}
     points = OperatingPoints(group.loop, group.boundary, warm_up=warm_up)

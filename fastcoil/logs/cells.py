@@ -9,18 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Mask
-from fastcoil.logs.series import is_unit
+from fastcoil.logs.series import NAMES, is_unit
 from fastcoil.logs.timestamps import MOST_LETTERS
 
-MISSING = frozenset(
-    ("", "-", "--", "---", "nan", "null", "none", "nil", "n/a", "na", "#n/a", "#na", "no data", "nodata", "missing")
-)
-"""Cells that say that there is no value."""
-GOOD = frozenset(("ok", "good", "{ok}", "normal", "valid", "reliable", "192", "{}"))
-"""A status beside a number that does not speak against it, 192 that of OPC; in braces others do."""
+MISSING, GOOD, _ON, _OFF = (frozenset(NAMES["cells"][name]) for name in ("missing", "good", "on", "off"))
 _STATUS = re.compile(r"\{.*\}")  # A status instead of a number
-_ON = frozenset(("on", "true", "yes", "active", "enabled", "run", "running", "start", "started"))
-_OFF = frozenset(("off", "false", "no", "inactive", "disabled", "stop", "stopped"))
 _NUMBER = re.compile(
     r"(?P<number>[+-]?[\d.,’' \u00a0\u202f]*\d[.,]?(?:[eE][+-]?\d+)?)\s*(?P<rest>\D.*)?", re.DOTALL | re.ASCII
 )
@@ -40,29 +33,21 @@ _ONE_GROUP = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") 
 
 
 class Writing(NamedTuple):
-    """How the numbers of a table are written.
+    """How the numbers of a table are written."""
 
-    mark: of the decimals.  grouped: whether thousands may be separated by the other mark.  unclear: a number that may
-    be a thousand times another one, where nothing shows which; else empty.  note: what is said of it; else empty.
-    """
-
-    mark: str = "."
-    grouped: bool = False
-    unclear: str = ""
-    note: str = ""
+    mark: str = "."  # of the decimals
+    grouped: bool = False  # whether thousands may be separated by the other mark
+    unclear: str = ""  # a number that may be a thousand times another one, where nothing shows which
+    note: str = ""  # what is said of it
 
 
 class Cells(NamedTuple):
-    """A column of cells.
+    """A column of cells, (n,)."""
 
-    values: NaN where there is no number, (n,).  units: what stands behind a number, by the index of the cell.  missing:
-    where a cell says that there is no value.  marked: where a status speaks against the value beside it.
-    """
-
-    values: Array
-    units: dict[int, str]
-    missing: Mask
-    marked: Mask
+    values: Array  # NaN where there is no number
+    units: dict[int, str]  # what stands behind a number, by the index of the cell
+    missing: Mask  # where a cell says that there is no value
+    marked: Mask  # where a status speaks against the value beside it
 
 
 def is_datum(cell: str) -> bool:

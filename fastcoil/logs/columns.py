@@ -7,18 +7,16 @@ and no others but the unit of plant before them: ``AHU1 CHW VLV CMD``, ``dischar
 """
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import Checks, checking, choice_of, flag_of, is_number, mapping_of, number_of, path_of
 from fastcoil.base.errors import nearest, shown
-from fastcoil.logs.series import COLUMNS, TIMES
+from fastcoil.logs.series import COLUMNS, NAMES, TIMES
 from fastcoil.logs.table import TIME_HEADERS, Table, label_and_unit, letters_of
 from fastcoil.logs.timestamps import is_time, time_format_of
 
@@ -26,15 +24,11 @@ _EXAMPLES = {"columns": "{'m_w': 'its header'}", "units": "{'m_w': 'kg/s'}", "co
 
 
 class Wanted(NamedTuple):
-    """The series that a caller reads.
+    """The series that a caller reads."""
 
-    needed: must be in the log, of a tuple exactly one.  optional: may be in the log.  measured: outputs of the model
-    among both; a bad value of one becomes NaN, and its row stays.
-    """
-
-    needed: Sequence[str | tuple[str, ...]]
+    needed: Sequence[str | tuple[str, ...]]  # must be in the log; of a tuple exactly one
     optional: Sequence[str] = ()
-    measured: Sequence[str] = ()
+    measured: Sequence[str] = ()  # outputs of the model: a bad value becomes NaN, and its row stays
 
     @property
     def names(self) -> list[str]:
@@ -125,8 +119,7 @@ def log_of(name: str, source: Any) -> Any:
     return path_of(name, source, "give the path of a CSV file, an xarray.Dataset or a pandas.DataFrame")
 
 
-_TABLE = tomllib.loads(Path(__file__).with_name("names.toml").read_text(encoding="utf-8"))
-_WORDS = {word: known.split() for known, written in _TABLE["words"].items() for word in written.split()}
+_WORDS = {word: known.split() for known, written in NAMES["words"].items() for word in written.split()}
 _ADDRESS = re.compile(r"\b[ab][iov][-_ ]?[0-9]+\b|(?:^|[.:/\\])[a-z](?=[.:/\\])", re.IGNORECASE)
 """Of a BACnet object; a folder of one letter in a path."""
 _SET_POINT = re.compile(r"set[-_ ]*point", re.IGNORECASE)
@@ -156,7 +149,7 @@ def meaning_of(header: str) -> Meaning | None:
             place.append(word)
     first = next((k for k, meant in enumerate(known) if meant not in (None, ["place"])), 0)
     is_clear = all(written[k].isdigit() or known[k] is not None for k in range(first, len(written)))
-    for name, needed, allowed in _TABLE["rules"]:
+    for name, needed, allowed in NAMES["rules"]:
         rest = words - {*needed.split()}
         if len(words) - len(rest) == len(needed.split()) and rest <= {*allowed.split(), "position"}:
             is_clear &= rest <= {*allowed.split()}  # a position that is fed back is no command
@@ -171,10 +164,7 @@ _MOST_HINTS = 200  # unknown columns that get a suggestion of the probable name,
 
 
 def find_columns(table: Table, how: Reading, wanted: Wanted) -> dict[str, int]:
-    """Index of each column to read; unknown, missing and doubled ones, and bad constants, are problems.
-
-    A column beside a constant of its name is a problem; known columns that are not wanted are ignored.
-    """
+    """Index of each column to read; unknown, missing or doubled ones, and bad constants, are problems."""
     names = [*dict.fromkeys([*COLUMNS, *TIMES])]
     asked, constants = how.columns or {}, how.constants or {}
     table.check_names("columns", asked, names)
@@ -227,11 +217,7 @@ def asked_columns(table: Table, columns: Mapping[str, str]) -> dict[str, int]:
 def _find_headers(
     table: Table, how: Reading, names: list[str], wanted: Wanted
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """Index of each of our ``names`` in the header, where the caller says, or by what the headers mean.
-
-    Other columns are problems, unless the caller says what to read or the meaning of some is known, and so are two
-    columns of a wanted name.  Beside it, by name, headers that may mean it.
-    """
+    """Index of our ``names``, as asked or as headers mean; others are problems; and headers that may mean a name."""
     unknown = []
     found = asked_columns(table, how.columns or {})
     labels = [label_and_unit(cell)[0] for cell in table.header]
@@ -259,9 +245,7 @@ def _find_headers(
         listed = "; ".join(f"{shown(cell)}{hints.get(cell, '')}" for cell in left[:_MOST_NAMED])
         example = wanted.names[0]
         say_which = how.cure(f"columns={{{example!r}: 'its header', ...}}", f"--column {example}='its header'")
-        table.problems.append(
-            f"unknown columns: {listed}{more}: rename or delete them, or say what to read: {say_which}"
-        )
+        table.problems.append(f"unknown columns: {listed}{more}: delete them, or say what to read: {say_which}")
     elif left and (guessed or not how.columns):
         table.notes.append(f"left alone: {'; '.join(map(shown, left[:_MOST_NAMED]))}{more}")
     return found | guessed, may_be
@@ -270,10 +254,7 @@ def _find_headers(
 def _guess(
     table: Table, how: Reading, wanted: Wanted, found: Mapping[str, int], unknown: Sequence[int]
 ) -> tuple[dict[str, int], dict[str, list[str]]]:
-    """The ``unknown`` columns that mean wanted series which are not ``found``, which is said; else what may mean them.
-
-    All are of one plant, as far as their headers say.
-    """
+    """The ``unknown`` columns that mean series not ``found``, of one plant, which is said; else what may mean them."""
     meanings = {k: meaning for k in [*unknown, *found.values()] if (meaning := meaning_of(table.header[k]))}
     place = next((meanings[k].place for k in found.values() if k in meanings), frozenset[str]())
     guessed: dict[str, int] = {}

@@ -20,13 +20,12 @@ from fastcoil.logs.columns import Reading, Wanted, find_columns, meaning_of
 from fastcoil.logs.pieces import LONG_STEP, may_be_of_changes, read_times
 from fastcoil.logs.plausibility import looks_like, misread_units
 from fastcoil.logs.readings import left_out, read_columns
-from fastcoil.logs.series import COLUMNS, TIMES, counted, is_unit
+from fastcoil.logs.series import COLUMNS, NAMES, TIMES, counted, is_unit
 from fastcoil.logs.table import TURNED, Table, label_and_unit, letters_of
 from fastcoil.logs.timestamps import MICROSECONDS, MINUTE, SECOND, Stamps, in_zone, offset_text
 
 _NO_POINTS = ("elapsed_time", "batch")
-POINTS = [name for name in COLUMNS if name not in _NO_POINTS]
-"""What a point may be."""
+POINTS = [name for name in COLUMNS if name not in _NO_POINTS]  # what a point may be
 _ROWS_LOOKED_AT = 1000  # A column without a value in them is one of remarks
 
 
@@ -38,19 +37,15 @@ class Source(NamedTuple):
 
 
 class Point(NamedTuple):
-    """One point: its name among ``COLUMNS``, its times (µs since 1970, ascending) and values in our unit, (n,) each.
+    """One point of a building."""
 
-    unit: in which it was logged.  clock: ``UTC`` where the times are absolute; else the name of the zone beside them,
-    blank without one.  offset: by which the clock that wrote absolute times is ahead [µs].  file: where it is from.
-    """
-
-    name: str
-    times: Index
-    values: Array
-    unit: str
-    clock: str
-    offset: int
-    file: str
+    name: str  # among ``COLUMNS``
+    times: Index  # µs since 1970, ascending, (n,)
+    values: Array  # in our unit, (n,)
+    unit: str  # in which it was logged
+    clock: str  # ``UTC`` where the times are absolute, else the name of the zone beside them, or blank
+    offset: int  # by which the clock that wrote absolute times is ahead, µs
+    file: str  # where it is from
 
     @property
     def is_regular(self) -> bool:
@@ -58,11 +53,7 @@ class Point(NamedTuple):
         return not may_be_of_changes(np.diff(self.times) / SECOND)
 
 
-_POINT = (
-    "point", "pointname", "pointid", "name", "namepathreference", "objectname", "object", "tag", "tagname", "id", "dis",
-    "navname", "variable", "series", "signal", "metric", "trend", "trendname", "brick", "brickclass", "class",
-)  # fmt: skip
-_VALUE, _UNIT = ("value", "val", "objectvalue", "presentvalue", "pointvalue", "reading"), ("unit", "units", "uom")
+_POINT, _VALUE, _UNIT = (NAMES["headers"][kind].split() for kind in ("point", "value", "unit"))
 """Headers of columns in a log that has a row for each value, as ``letters_of`` gives them."""
 
 
@@ -163,11 +154,7 @@ def _point_in(source: Source, name: str, how: Reading) -> Point:
 
 
 def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
-    """The wanted points of a log that has a row for each value, with our names, at times of their own.
-
-    These are the times of the fastest point of regular samples; if all points are written when they change, those of
-    every value.  The others hold or run straight as in a join.
-    """
+    """The wanted points, with our names, at the times of the fastest regular one; else at those of every value."""
     sources = sources_of(table, how)
     columns = None if how.columns is None else {name: one for name, one in how.columns.items() if name not in TIMES}
     points = points_of(sources, table, replace(how, columns=columns, drop=bool(how.drop)), wanted)
@@ -186,13 +173,6 @@ def pivoted(table: Table, how: Reading, wanted: Wanted) -> Table:
     return Table(table.name, header, cells, [rows[time] for time in clock.tolist()], notes=said)
 
 
-class Joined(NamedTuple):
-    """A table as the text of a CSV file, and how it was made."""
-
-    text: str
-    notes: list[str]
-
-
 def join_points(
     paths: Sequence[Path],
     *,
@@ -202,8 +182,8 @@ def join_points(
     time_zone: str | None = None,
     step: float | None = None,
     max_gap: float | None = None,
-) -> Joined:
-    """One table of the points of several files, on a common clock.
+) -> tuple[str, list[str]]:
+    """The points of several files on a common clock, as the text of a CSV file, and how it was made.
 
     Points that are written when they change hold until the next change, and so do commands, set-points and switches;
     others run straight between samples.  The clock runs while all points have values.
@@ -215,26 +195,8 @@ def join_points(
     """
     how = Reading(columns=columns, units=units, time_format=time_format, has_command=True)
     points, notes = _of_files(paths, how, time_zone)
-    _question_units(points, how)
-    points = [point._replace(unit=COLUMNS[point.name].unit) for point in points]
-    points.sort(key=lambda point: list(COLUMNS).index(point.name))
-    files = {point.clock: point.file for point in points}
-    if len(files) > 1:
-        clocks = ", ".join(f"{file} {clock or 'none'}" for clock, file in files.items())
-        raise InputError(
-            f"the files have different time zones ({clocks}): export all alike, or give the zone of times without a "
-            "UTC offset, such as --time-zone America/New_York"
-        )
-    clock, lines, of_clock = _on_clock(points, _clock(points, step), max_gap, _DIGITS)
-    usual = float(np.median(np.diff(clock))) / SECOND
-    said = [*notes, *of_clock, f"{counted(clock.size, 'row')}, {usual:.4g} s apart"]
-    return Joined("\n".join(map(",".join, lines)) + "\n", said)
-
-
-def _question_units(points: Sequence[Point], how: Reading) -> None:
-    """Refuse points whose numbers contradict the unit in their file, alone or beside each other."""
-    values, units = {one.name: one.values for one in points}, {one.name: one.unit for one in points}
-    found = misread_units(values, units, how.units)
+    values, declared = {one.name: one.values for one in points}, {one.name: one.unit for one in points}
+    found = misread_units(values, declared, how.units)
     problems = [
         f"{one.file}: {one.name} is declared in {one.unit}, and {looks_like(found[one.name])}: write "
         f"'[{found[one.name]}]' in the header; if {one.unit} is right, say so: {how.unit_cure(one.name, one.unit)}"
@@ -242,6 +204,17 @@ def _question_units(points: Sequence[Point], how: Reading) -> None:
         if one.name in found
     ]
     refuse(problems)
+    points = [point._replace(unit=COLUMNS[point.name].unit) for point in points]
+    points.sort(key=lambda point: list(COLUMNS).index(point.name))
+    files = {point.clock: point.file for point in points}
+    if len(files) > 1:
+        clocks = ", ".join(f"{file} {clock or 'none'}" for clock, file in files.items())
+        cure = "export all alike, or give the zone of the others, such as --time-zone America/New_York"
+        raise InputError(f"the files have different time zones ({clocks}): {cure}")
+    clock, lines, of_clock = _on_clock(points, _clock(points, step), max_gap, _DIGITS)
+    usual = float(np.median(np.diff(clock))) / SECOND
+    said = [*notes, *of_clock, f"{counted(clock.size, 'row')}, {usual:.4g} s apart"]
+    return "\n".join(map(",".join, lines)) + "\n", said
 
 
 def _of_files(paths: Sequence[Path], how: Reading, time_zone: str | None) -> tuple[list[Point], list[str]]:
@@ -318,9 +291,7 @@ def _on_clock(
     values, good_of, said = zip(*(_at_times(point, clock, max_gap) for point in points), strict=True)
     good, notes = np.all(good_of, axis=0), list(said)
     if good.sum() < 2:
-        raise InputError(
-            "fewer than two rows are left where every point has a value: raise --max-gap, or leave one out"
-        )
+        raise InputError("every point has a value in fewer than two rows: raise --max-gap, or leave one out")
     if not good.all():
         notes.append(f"{counted(~good, 'row')} of {good.size:,} left out: a point has no sample within its longest gap")
     offsets = {point.offset for point in points}

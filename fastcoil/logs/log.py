@@ -22,26 +22,18 @@ _AS_IT_IS = Reading()
 
 @dataclass(kw_only=True)
 class Log:
-    """Checked columns by name, (n,) each in the units of ``COLUMNS``; measured ones are NaN where a value was bad.
+    """Checked columns by name, (n,) each in the units of ``COLUMNS``; measured ones are NaN where a value was bad."""
 
-    names: of the log, and of the second log for validation if there is one.  source: index in ``names`` of the log that
-    each sample comes from.  time: seconds since the first row of that log.  batch: number of the unbroken piece that
-    each sample belongs to, from 0.  rows: row number of each sample in its file.  notes: how it was read, what was left
-    out, and why.  change_of_value: whether its rows were written when a value changed, so that values hold between
-    them.  start: date and time of the first row of the first log, to the second, on the clock of ``time_zone``; None
-    and blank if unknown.
-    """
-
-    names: tuple[str, ...]
-    source: Index
-    time: Array
+    names: tuple[str, ...]  # of the log, and of a second one for validation
+    source: Index  # index in ``names`` of the log of each sample
+    time: Array  # seconds since the first row of that log
     values: dict[str, Array]
-    batch: Index
-    rows: Index
-    notes: list[str] = field(default_factory=list)
-    change_of_value: bool = False
-    start: np.datetime64 | None = None
-    time_zone: str = ""
+    batch: Index  # number of the unbroken piece of each sample, from 0
+    rows: Index  # row number of each sample in its file
+    notes: list[str] = field(default_factory=list)  # how it was read, what was left out, and why
+    change_of_value: bool = False  # whether rows were written at changes, so that values hold between them
+    start: np.datetime64 | None = None  # of the first row of the first log, to the second
+    time_zone: str = ""  # of ``start``, blank if unknown
 
     @property
     def name(self) -> str:
@@ -62,10 +54,7 @@ class Log:
         return self.time - self.time[first][self.batch]
 
     def humidity_ratio(self, pressure: float) -> Array:
-        """Humidity ratio of the entering air, (n,): as logged, or from relative humidity or dew point [kg/kg].
-
-        pressure: barometric pressure [Pa].
-        """
+        """Humidity ratio of the entering air, kg/kg, (n,): as logged, or from RH or dew point at a ``pressure``, Pa."""
         if "RH_a_in" in self.values:
             return moist_air.humidity_ratio(self.values["T_a_in"], self.values["RH_a_in"], pressure)
         if "T_dp_in" in self.values:

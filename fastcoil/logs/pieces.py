@@ -11,12 +11,11 @@ from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, shown
 from fastcoil.logs.columns import Reading
 from fastcoil.logs.series import counted
-from fastcoil.logs.table import Table
+from fastcoil.logs.table import TURNED, Table
 from fastcoil.logs.timestamps import Stamps, read_stamps
 
 _LEAST_STEP = 0.999
-MOST_SECONDS = 50_000_000
-"""Of a record on 1-s steps, 19 months: a few GB with its series."""
+MOST_SECONDS = 50_000_000  # of a record on 1-s steps, 19 months: a few GB with its series
 
 
 def require_whole_seconds(name: str, step: float) -> None:
@@ -28,10 +27,8 @@ def require_whole_seconds(name: str, step: float) -> None:
 def require_span(name: str, seconds: float, cure: str = "cut the log") -> None:
     """Refuse a record that would fill the memory on 1-s steps; ``seconds``: from its first to its last."""
     if seconds > MOST_SECONDS:
-        raise InputError(
-            f"{name} lasts {seconds:,.0f} s from the first row to the last: at most {MOST_SECONDS:,} s can be read, "
-            f"check the unit of the time, or {cure}"
-        )
+        most = f"at most {MOST_SECONDS:,} s can be read, check the unit of the time, or {cure}"
+        raise InputError(f"{name} lasts {seconds:,.0f} s from the first row to the last: {most}")
 
 
 def at_seconds(
@@ -49,8 +46,7 @@ def at_seconds(
     }
 
 
-LONG_STEP = 3.0
-"""Steps longer than this many median steps are gaps, but in a log of changes."""
+LONG_STEP = 3.0  # steps longer than this many median steps are gaps, but in a log of changes
 _REGULAR, _ABOUT = 0.6, 0.2  # steps are regular where more than this share of them is within so much of the median
 _SHORT_AND_LONG, _SPREAD = (0.1, 0.9), 4.0
 """They are uneven where they are not regular and these quantiles are so far apart: further than lost rows make them."""
@@ -62,10 +58,7 @@ _USUAL, _LONGER = 0.95, 10.0  # A step so many times longer than this share of a
 
 
 def longest_step(time: Array, within: Mask, values: Mapping[str, Array]) -> float | None:
-    """Longest step that is no gap [s], if this is a log of changes; else None.
-
-    time, values: of the rows [s], and the series by name, each (n,).  within: where a row follows another, (n - 1,).
-    """
+    """Longest step of a log of changes that is no gap, s; else None.  within: where a row follows one, (n - 1,)."""
     steps = np.diff(time)[within]
     if steps.size < _FEWEST or not may_be_of_changes(steps) or np.mean(steps > LONG_STEP * np.median(steps)) < _LONG:
         return None
@@ -101,7 +94,8 @@ def read_times(table: Table, column: int, how: Reading) -> Stamps:
         raise InputError(f"timestamp = {shown(cell)} in row {number} {stamps.wrong}")
     steps = np.diff(stamps.microseconds[stamps.good])
     if (steps < 0).any() and (steps <= 0).all():
-        table.turn_round()
+        table.take(range(len(table.rows))[::-1])
+        table.notes.append(TURNED)
         stamps = stamps._replace(microseconds=stamps.microseconds[::-1], good=stamps.good[::-1])
     return stamps
 
@@ -116,11 +110,7 @@ def longest_bridged(time: Array, max_gap: float | None) -> float:
 def number_pieces(
     table: Table, time: Array, values: Mapping[str, Array], how: Reading, notes: list[str], *, stamped: bool
 ) -> tuple[Index, bool]:
-    """Number of the unbroken piece of each row, (n,), from 0; whether rows were written when a value changed.
-
-    A new piece starts where ``batch``, one of ``values``, changes, after a gap, and after a jump.  What is not allowed
-    becomes a problem of the table.  stamped: whether the time is from timestamps.
-    """
+    """Number of the unbroken piece of each row, (n,): a new one at ``batch``, gap or jump; whether rows are changes."""
     steps, rows, batch = np.diff(time), table.row_numbers, values.get("batch")
     new = np.zeros(steps.size, dtype=bool) if batch is None else np.diff(batch) != 0.0
     back = (steps <= 0.0) & ~new

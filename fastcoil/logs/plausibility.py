@@ -41,11 +41,7 @@ _FEWEST_ROWS, _MOVES, _STANDS = 50, 0.5, 0.05
 
 
 def misread_units(values: Mapping[str, Array], units: Mapping[str, str], trusted: Collection[str]) -> dict[str, str]:
-    """The unit that columns seem to be in, by name, where it is not the declared one.
-
-    values, units: readings in our units, NaN where there is none, and the declared units, by name.  trusted: names of
-    columns whose unit is not questioned.
-    """
+    """The unit, by name, that columns seem to be in, if not the declared one; ``trusted`` ones are not questioned."""
     found = {}
     for name, one in values.items():
         family = COLUMNS[name].units
@@ -151,10 +147,7 @@ def row_of_new_unit(T: Array) -> int:
 
 
 def signal_of(numbers: Array, unit: str) -> tuple[str, bool]:
-    """The signal that a command seems to be instead of one in ``unit``, since it spans that; blank if none.
-
-    That is certain where many numbers between both ends stop at these.
-    """
+    """The signal that a command seems to be, since it spans that; blank if none; and whether that is certain."""
     for name, (closed, full) in _SIGNALS.items() if unit in ("V", "deg", *FRACTION) and numbers.size else ():
         x = (numbers - closed) / (full - closed)
         if name != unit and all(-_BEYOND <= end <= _NEAR_END for end in (x.min(), 1.0 - x.max())):
@@ -202,10 +195,7 @@ def looks_like(unit: str) -> str:
 
 
 def above_saturation(values: Mapping[str, Array | float]) -> tuple[str, Mask]:
-    """The name of the humidity beside ``T_a_in``, and where it is above saturation, (n,) or (); blank without both.
-
-    values: readings in our units by name.  Sensors that read a little too much are not meant.
-    """
+    """The humidity beside ``T_a_in``, and where it is clearly above saturation, (n,) or (); blank without both."""
     name = next((one for one in HUMIDITIES if one in values), "RH_a_in")
     if name == "RH_a_in" or "T_a_in" not in values:
         return "", np.zeros(0, dtype=bool)

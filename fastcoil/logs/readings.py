@@ -25,19 +25,14 @@ _WARM = 5.0  # A temperature of exactly 0 among others above this, °C, is a sen
 
 @dataclass
 class Readings:
-    """The columns of a log as numbers, and what is wrong with them.
-
-    known: numbers in our units by name, (n,).  bad: where they may not be used.  missing: where a cell says that there
-    is no value.  notes: what was taken for something else.  complaints: a sentence for each column with bad numbers.
-    units: as declared, of the columns most of whose numbers are possible in them.
-    """
+    """The columns of a log as numbers in our units, by name, (n,), and what is wrong with them."""
 
     known: dict[str, Array] = field(default_factory=dict)
-    bad: dict[str, Mask] = field(default_factory=dict)
-    missing: dict[str, Mask] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    complaints: list[str] = field(default_factory=list)
-    units: dict[str, str] = field(default_factory=dict)
+    bad: dict[str, Mask] = field(default_factory=dict)  # where they may not be used
+    missing: dict[str, Mask] = field(default_factory=dict)  # where a cell says that there is no value
+    notes: list[str] = field(default_factory=list)  # what was taken for something else
+    complaints: list[str] = field(default_factory=list)  # a sentence for each column with bad numbers
+    units: dict[str, str] = field(default_factory=dict)  # as declared, where most numbers are possible
 
     def refuse(self, table: Table, how: Reading) -> None:
         """Make problems of the complaints, with the cure that the caller offers."""
@@ -49,10 +44,7 @@ class Readings:
 def read_columns(
     table: Table, found: Mapping[str, int], how: Reading, wanted: Wanted, *, sparse: bool = False
 ) -> Readings:
-    """Every column ``found`` but ``timestamp`` as numbers in our units.
-
-    With ``sparse``, a value that is missing is no mistake.
-    """
+    """Every column ``found`` but ``timestamp`` as numbers in our units; ``sparse``: a missing value is no mistake."""
     readings = Readings()
     columns = {name: column for name, column in found.items() if name != "timestamp"}
     writing = _writing(table, columns)
@@ -162,10 +154,7 @@ def refuse_supersaturation(table: Table, readings: Readings, constants: Mapping[
 
 
 def read_numbers(table: Table, series: Series, column: int, unit: str | None = None) -> Array:
-    """A column as checked numbers in our unit, (n_rows,); ``unit`` is for a header that declares none.
-
-    Anything wrong is added to the problems; the numbers then mean nothing.
-    """
+    """A column as checked numbers in our unit, (n_rows,), else problems; ``unit``: of a header without one."""
     cells = cells_of([row[column] for row in table.rows], _writing(table, {series.name: column}), switch=False)
     known = _unit_of(table, series, column, unit, cells, False)
     if known is not None:
@@ -194,10 +183,7 @@ def _writing(table: Table, columns: Mapping[str, int]) -> Writing:
 def _unit_of(
     table: Table, series: Series, column: int, given: str | None, cells: Cells, has_command: bool
 ) -> str | None:
-    """Unit of a column: by its header, the row below it, its cells, or as ``given``; None, and a problem, without one.
-
-    has_command: whether a command has an option for the argument ``units``, for the message.
-    """
+    """Unit of a column: by its header, the row below it, its cells, or ``given``; None, and a problem, without one."""
     numbers = np.flatnonzero(~np.isnan(cells.values)).tolist()
     by_cells = next(iter(cells.units.values()), "") if 2 * len(cells.units) >= len(numbers) else ""
     declared = table.declared_units(column) | ({"by units": given} if given else {})
@@ -289,7 +275,7 @@ def fill_or_cut(
     kept = ~np.any(list(bad.values()), axis=0)
     if kept.all():
         return known, time
-    table.keep(kept)
+    table.take(np.flatnonzero(kept).tolist())
     if len(table.rows) < 2:
         raise InputError(f"{table.name}: fewer than two rows are left: mend the log ({'; '.join(readings.notes)})")
     return {name: values[kept] for name, values in known.items()}, time[kept]

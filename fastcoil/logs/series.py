@@ -4,9 +4,11 @@ The checks of logs and of boundaries, and the attributes of a boundary's Dataset
 """
 
 import math
+import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -17,11 +19,8 @@ from fastcoil.base.errors import InputError, nearest, shown
 Units: TypeAlias = Mapping[str, tuple[float, float]]
 """Each unit's (scale, offset) into the first of its family, which is the unit used inside fastcoil."""
 
-STANDARD_AIR = 1.2
-"""Density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)."""
-
-WATER = 1000.0
-"""Density that turns a volume flow of water into a mass flow, kg/m3."""
+STANDARD_AIR = 1.2  # density that turns a volume flow of air into a mass flow, kg/m3 (ASHRAE standard air)
+WATER = 1000.0  # density that turns a volume flow of water into a mass flow, kg/m3
 
 _POUND, _FOOT, _GALLON = 0.45359237, 0.3048, 3.785411784e-3
 
@@ -55,14 +54,10 @@ PRESSURE = _of_one_zero({"Pa": 1.0, "hPa": 100.0, "kPa": 1000.0})
 TIME = _of_one_zero({"s": 1.0, "min": 60.0, "h": 3600.0})
 NUMBER = _of_one_zero({"1": 1.0})
 
-_ABBREVIATIONS = {"lpm": "L/min", "lps": "L/s", "lph": "L/h", "cms": "m3/s", "cmh": "m3/h", "ma": "mA 4-20"}
-"""Abbreviations that look more like another unit than like the one they mean."""
-_SPELLINGS = {
-    "c": "degC", "f": "degF", "pct": "percent", "% rh": "%", "%rh": "%", "% open": "%", "%open": "%",
-    "vdc": "V", "v dc": "V", "2-10 v": "V 2-10", "0-10 v": "V 0-10", "4-20 ma": "mA 4-20", "0-20 ma": "mA 0-20",
-    "usgpm": "gpm", "us gpm": "gpm",
-}  # fmt: skip
-"""Other spellings of a unit; of those of a family they mean one only."""
+NAMES = tomllib.loads(Path(__file__).with_name("names.toml").read_text(encoding="utf-8"))
+"""What building systems write, in headers, in cells, for units and for zones, and what it means."""
+_ABBREVIATIONS: Mapping[str, str] = NAMES["abbreviations"]
+_SPELLINGS: Mapping[str, str] = NAMES["spellings"]
 _FAMILIES = (TEMPERATURE, AIR_FLOW, WATER_FLOW, HUMIDITY_RATIO, TRAVEL, PRESSURE, TIME)
 _LONGEST_UNIT = 16  # letters
 
@@ -95,23 +90,17 @@ _ALL = frozenset(_folded(unit) for units in _FAMILIES for unit in units) | _ABBR
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One series.
-
-    lower, upper: inclusive bounds, in the first of ``units``.  hold: it keeps its value until the next sample; others
-    run straight between samples.  whole: it takes whole numbers only.  default: used where it is not given; None if it
-    must be given.  scatters: its readings may lie a little outside the bounds, as those of a closed valve or a resting
-    flow meter do.
-    """
+    """One series."""
 
     name: str
     long_name: str
     units: Units
-    lower: float = -math.inf
+    lower: float = -math.inf  # inclusive bounds, in the first of ``units``
     upper: float = math.inf
-    hold: bool = False
-    whole: bool = False
-    default: float | None = None
-    scatters: bool = False
+    hold: bool = False  # whether it keeps its value until the next sample; others run straight
+    whole: bool = False  # whether it takes whole numbers only
+    default: float | None = None  # where it is not given; None if it must be given
+    scatters: bool = False  # whether readings may lie a little outside the bounds, as of a closed valve
 
     @property
     def unit(self) -> str:
@@ -191,10 +180,8 @@ COLUMNS: dict[str, Series] = {
 }
 """Every column that a log may have, except ``timestamp``."""
 
-TIMES = ("elapsed_time", "timestamp")
-"""A log gives its time in one of these columns."""
-HUMIDITIES = ("W_a_in", "RH_a_in", "T_dp_in")
-"""A log gives the humidity of the entering air in one of these columns."""
+TIMES = ("elapsed_time", "timestamp")  # a log gives its time in one of these columns
+HUMIDITIES = ("W_a_in", "RH_a_in", "T_dp_in")  # a log gives the humidity of the entering air in one of these columns
 
 
 def counted(what: Mask | int, noun: str) -> str:

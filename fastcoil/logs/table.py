@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fastcoil.base.arguments import refuse
-from fastcoil.base.arrays import Mask
-from fastcoil.base.errors import InputError, nearest, shown
+from fastcoil.base.arguments import choice_of, collecting, refuse
+from fastcoil.base.errors import InputError, shown
 from fastcoil.base.files import read_text
 from fastcoil.logs.cells import GOOD, is_datum, is_missing, is_value
 from fastcoil.logs.series import TIME, counted, is_unit
@@ -37,8 +36,7 @@ _SAMPLE = 200  # rows from the start of a file among which the header is
 _MOST_LOOKED_AT = 50  # cells of a row
 _LAST = 20  # rows at the end of a file among which a footer may be
 _LONGEST_UNIT = 24
-Numbered = list[tuple[int, list[str]]]
-"""Rows that are not blank, with their numbers in the file."""
+Numbered = list[tuple[int, list[str]]]  # rows that are not blank, with their numbers in the file
 
 
 def _rows(text: str, separator: str) -> Iterator[list[str]]:
@@ -69,8 +67,11 @@ def _separator_of(text: str) -> str:
 def _header_index(rows: Sequence[list[str]]) -> int:
     """Index of the header: the row of names with most data below it before the next such row; 0 if there is none."""
     named = [k for k, row in enumerate(rows) if _may_be_header(row) and _has_data_below(rows, k)]
-    if not named or any(_is_data(row) for row in rows[: named[0]]):
-        return 0  # rows of data in another order are no remarks
+    for row in rows[: named[0]] if named else ():  # rows of data in another order are no remarks
+        if len(row) > 1 and all(_has_data(cell) or is_missing(cell) for cell in row[:_MOST_LOOKED_AT]):
+            return 0
+    if not named:
+        return 0
     ends = [*named[1:], len(rows)]
     best = max(zip(named, ends, strict=True), key=lambda run: run[1] - run[0])[0]
     return next(k for k in named if {*filter(None, rows[k])} & {*rows[best]})  # the same header may come again
@@ -100,12 +101,6 @@ def _has_data_below(rows: Sequence[list[str]], k: int) -> bool:
 
 def _has_data(cell: str) -> bool:
     return is_datum(cell) or is_time(cell)
-
-
-def _is_data(row: Sequence[str]) -> bool:
-    """Whether every cell, of two at least, holds a number or a time, or says that it has none."""
-    cells = row[:_MOST_LOOKED_AT]
-    return len(cells) > 1 and all(_has_data(cell) or is_missing(cell) for cell in cells)
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:
@@ -160,8 +155,7 @@ _DATE_AND_CLOCK = ("date", "datum"), ("time", "time of day", "zeit", "uhrzeit") 
 _ROWS_WITH_CLOCK = 3  # rows that are looked at
 TIME_HEADERS = ("timestamp", "ts", "time", "date", "datetime", "zeit", "zeitstempel", "datum")
 """Headers of a column of times, as ``letters_of`` gives them."""
-_STATUS = ("status", "quality")
-"""Headers of columns that say which values of a row count."""
+_STATUS = ("status", "quality")  # headers of columns that say which values of a row count
 _ROWS_OF_STATUS = 1000  # rows in which some status is good, or the column is none of status
 TURNED = "the newest row is first: turned round"
 _LONGEST_LABEL = 100  # characters of a header that a message repeats
@@ -176,10 +170,7 @@ _LONGEST_HEADER = 200  # longest header in which a unit without brackets is look
 
 
 def label_and_unit(header: str) -> tuple[str, str | None]:
-    """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; the unit is None if there is none.
-
-    Known units are found in round brackets and after a comma or slash as well.
-    """
+    """``"T_a_in [degF]"`` as ``("T_a_in", "degF")``; known units in round brackets, after comma, slash too; or None."""
     text = header.strip()
     label, bracket, unit = text.partition("[")
     if bracket and text.endswith("]"):
@@ -207,24 +198,18 @@ def _without_brackets(text: str) -> tuple[str, str | None]:
 
 @dataclass
 class Table:
-    """The cells of a log, and the mistakes found in it so far.
+    """The cells of a log, and the mistakes found in it so far."""
 
-    name: of the file, for messages.  rows: without the header.  row_numbers: of each row in the file.  units: the cells
-    of a row of units below the header; None if there is none.  separator: of the columns in the file.  notes: how it
-    was read.  unit_cure: how to declare the ``unit`` of a column in the log itself, given its ``header``.  joined:
-    index of the column that has the cells of these headers now, which the file has and the table has not.
-    """
-
-    name: str
+    name: str  # of the file, for messages
     header: list[str]
-    rows: list[list[str]]
-    row_numbers: list[int]
+    rows: list[list[str]]  # without the header
+    row_numbers: list[int]  # of each row in the file
     problems: list[str] = field(default_factory=list)
-    unit_cure: str = "write '{header} [{unit}]' in the header"
-    units: list[str] | None = None
-    separator: str = ","
-    notes: list[str] = field(default_factory=list)
-    joined: dict[str, int] = field(default_factory=dict)
+    unit_cure: str = "write '{header} [{unit}]' in the header"  # how to declare a unit in the log itself
+    units: list[str] | None = None  # cells of a row of units below the header
+    separator: str = ","  # of the columns in the file
+    notes: list[str] = field(default_factory=list)  # how it was read
+    joined: dict[str, int] = field(default_factory=dict)  # index of the column that has the cells of these headers now
 
     @classmethod
     def read(cls, path: str | Path) -> Table:
@@ -268,10 +253,9 @@ class Table:
         if ragged:
             row, number = table.rows[ragged[0]], table.row_numbers[ragged[0]]
             more = f" ({len(ragged)} rows in total)" if len(ragged) > 1 else ""
-            table.problems.append(
-                f"row {number} has {counted(len(row), 'cell')} where the header has {width}{more}: begin the file with "
-                "the header, separate its cells as those of the rows, complete the row"
-            )
+            found = f"row {number} has {counted(len(row), 'cell')} where the header has {width}{more}"
+            cure = "begin the file with the header, separate its cells as those of the rows, complete the row"
+            table.problems.append(f"{found}: {cure}")
         table.stop_if_wrong()
         table._join_clock()
         table._merge_status()
@@ -306,10 +290,7 @@ class Table:
         self.notes.append(f"{names[0]} and {names[1]} are read as one timestamp")
 
     def _merge_status(self) -> None:
-        """Write what columns of status say against values behind these, in braces, and leave these columns out.
-
-        One column of status is for all values of its row; of several, each is for the column on its left.
-        """
+        """Write what columns of status say, of their row or of the column on the left, behind values, in braces."""
         labels = [letters_of(header) for header in self.header]
         found = [
             k
@@ -362,24 +343,14 @@ class Table:
 
     def check_names(self, what: str, given: Iterable[str], known: Iterable[str]) -> None:
         """Every name ``given`` in the argument ``what`` that is not ``known`` is a problem."""
-        known = list(known)
-        self.problems += [
-            f"{what} has unknown {shown(name)}{nearest(name, known)}: use {', '.join(known)}"
-            for name in given
-            if name not in known
-        ]
+        for name in given:
+            with collecting(self.problems):
+                choice_of(what, name, [*known])
 
-    def turn_round(self) -> None:
-        """Put the rows, whose newest is first, in the order of time."""
-        self.rows.reverse()
-        self.row_numbers.reverse()
-        self.notes.append(TURNED)
-
-    def keep(self, kept: Mask) -> None:
-        """Cut the rows that are not ``kept``, (n_rows,)."""
-        index = np.flatnonzero(kept).tolist()
-        self.rows = [self.rows[i] for i in index]
-        self.row_numbers = [self.row_numbers[i] for i in index]
+    def take(self, rows: Iterable[int]) -> None:
+        """Keep these rows, in this order."""
+        kept = list(rows)
+        self.rows, self.row_numbers = [self.rows[i] for i in kept], [self.row_numbers[i] for i in kept]
 
 
 _TIMES = ("elapsed_time", "timestamp", "time")
@@ -415,9 +386,8 @@ def _columns_of(ds: xr.Dataset, asked: Mapping[str, str], names: Collection[str]
     """Header and values of the columns of a Dataset, the time first."""
     dims = [d for d in (*(asked.get(n, n) for n in _TIMES), *_TIMES) if d in ds.coords and ds[d].dims == (d,)]
     if not dims:
-        raise InputError(
-            "the Dataset has no coordinate elapsed_time, nor timestamp: give every variable one of them as dimension"
-        )
+        cure = "give every variable one of them as dimension"
+        raise InputError(f"the Dataset has no coordinate elapsed_time, nor timestamp: {cure}")
     time = dims[0]
     wanted = [str(n) for n in ds.data_vars if n in names or n in asked.values()]
     wrong = [name for name in wanted if ds[name].dims != (time,)]

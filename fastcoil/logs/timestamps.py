@@ -16,32 +16,25 @@ import numpy as np
 from fastcoil.base.arguments import text_of
 from fastcoil.base.arrays import Array, Index, Mask
 from fastcoil.base.errors import InputError, shown
+from fastcoil.logs.series import NAMES
 
-MOST_LETTERS = 64
-"""Of a cell that can be a time or a number."""
+MOST_LETTERS = 64  # of a cell that can be a time or a number
 MICROSECONDS = np.dtype("datetime64[us]")
 SECOND, MINUTE = 1_000_000, 60_000_000  # µs
-SERIAL, EPOCH = "excel", "epoch"
-"""Formats that are numbers."""
+SERIAL, EPOCH = "excel", "epoch"  # formats that are numbers
 _EXAMPLE = datetime(2024, 7, 1, 8, 5, 30)
 
 
 class Stamps(NamedTuple):
-    """The times of a column.
+    """The times of a column, (n,)."""
 
-    microseconds: since 1970-01-01, of UTC where ``absolute``, else of the clock that wrote them, (n,).  good: where a
-    cell holds a time.  wrong: what the others are not, and the cure.  notes: how the column was read.  time_zone: of
-    the clock that wrote them, such as ``UTC-07:00`` or ``America/New_York``, ``UTC`` where the offset changes; of times
-    that are not absolute the name beside them, such as ``CST``, or blank.  offset: by which that clock is ahead [µs].
-    """
-
-    microseconds: Index
-    good: Mask
+    microseconds: Index  # since 1970-01-01, of UTC where ``absolute``, else of the clock that wrote them
+    good: Mask  # where a cell holds a time
     absolute: bool
-    wrong: str
-    notes: list[str]
-    time_zone: str = ""
-    offset: int = 0
+    wrong: str  # what the others are not, and the cure
+    notes: list[str]  # how the column was read
+    time_zone: str = ""  # of that clock, ``UTC`` if its offset changes; else the name beside the times, or blank
+    offset: int = 0  # by which that clock is ahead, µs
 
     def since_first(self) -> Array:
         """Seconds since the first good time, (n,); NaN where there is none."""
@@ -79,44 +72,29 @@ def time_format_of(name: str, value: Any) -> str:
     return text
 
 
-class _Kind(NamedTuple):
-    """Numbers that are times, ``least`` to ``most``: 1 is so many ticks of so many µs; ``of_1970`` is 1970-01-01."""
-
-    what: str
-    least: float
-    most: float
-    of_1970: float
-    ticks: float
-    tick: int
-    time_zone: str
+_DAYS = ("serial days of a spreadsheet", 20_000.0, 80_000.0, 25_569.0, 86400.0, SECOND, "")
+_SECONDS = ("seconds since 1970 (UTC)", 1e8, 1e10, 0.0, 1e6, 1, "UTC")
+_MILLISECONDS = ("milliseconds since 1970 (UTC)", 1e11, 1e13, 0.0, 1e3, 1, "UTC")
+"""The arguments of ``_of_numbers``: days from 1954 to 2119, to the second, as their decimals have round-off; epoch from
+1973 to 2286."""
+_NUMBERS = {SERIAL: [_DAYS], EPOCH: [_SECONDS, _MILLISECONDS]}
 
 
-_NUMBERS = {
-    SERIAL: [_Kind("serial days of a spreadsheet", 20_000.0, 80_000.0, 25_569.0, 86400.0, SECOND, "")],
-    EPOCH: [
-        _Kind("seconds since 1970 (UTC)", 1e8, 1e10, 0.0, 1e6, 1, "UTC"),
-        _Kind("milliseconds since 1970 (UTC)", 1e11, 1e13, 0.0, 1e3, 1, "UTC"),
-    ],
-}
-"""Serial days from 1954 to 2119, to the second, as their decimals have round-off; epoch from 1973 to 2286."""
-
-
-def _of_numbers(numbers: Array, kind: _Kind) -> Stamps:
+def _of_numbers(
+    numbers: Array, what: str, least: float, most: float, of_1970: float, ticks: float, tick: int, time_zone: str
+) -> Stamps:
+    """Numbers from ``least`` to ``most`` as times: 1 is so many ticks of so many µs; ``of_1970`` is 1970-01-01."""
     with np.errstate(invalid="ignore"):
-        good = (numbers >= kind.least) & (numbers <= kind.most)
-    ticks = np.rint(kind.ticks * (np.where(good, numbers, kind.of_1970) - kind.of_1970)).astype(np.int64)
-    wrong = f"is none of the {kind.what}, {kind.least:g} to {kind.most:g}"
-    return Stamps(kind.tick * ticks, good, bool(kind.time_zone), wrong, [], kind.time_zone)
+        good = (numbers >= least) & (numbers <= most)
+    since = tick * np.rint(ticks * (np.where(good, numbers, of_1970) - of_1970)).astype(np.int64)
+    return Stamps(since, good, bool(time_zone), f"is none of the {what}, {least:g} to {most:g}", [], time_zone)
 
 
 def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Stamps:
-    """The times of the cells of a column, whose rows in the file are ``row_numbers``.
-
-    time_format: as checked by ``time_format_of``; recognised if None.  cure: how to give one, with ``{format}`` in it.
-    """
+    """The times of a column, by ``time_format`` or recognised; ``cure``: how to give one, with ``{format}`` in it."""
     if time_format in _NUMBERS:
         numbers = np.array([_number(cell) for cell in cells])
-        return max((_of_numbers(numbers, kind) for kind in _NUMBERS[time_format]), key=lambda found: found.good.sum())
+        return max((_of_numbers(numbers, *kind) for kind in _NUMBERS[time_format]), key=lambda found: found.good.sum())
     no_zones = [""] * len(cells)
     if time_format is not None:
         times, wrong = [_by_pattern(cell, time_format) for cell in cells], f"is not as {time_format!r} says"
@@ -126,11 +104,11 @@ def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: s
     say_how = f"say how to read it: {cure.format(format='%d/%m/%Y %H:%M')}"
     if 2 * n_iso < len(times):
         numbers = np.array([_number(cell) for cell in cells])
-        for kind in (*_NUMBERS[SERIAL], *_NUMBERS[EPOCH]):
-            found = _of_numbers(numbers, kind)
+        for kind in (_DAYS, _SECONDS, _MILLISECONDS):
+            found = _of_numbers(numbers, *kind)
             if 2 * found.good.sum() > numbers.size:
                 example = shown(cells[int(np.argmax(found.good))].strip())
-                return found._replace(notes=[f"timestamp read as {kind.what}: {example} is {found.first()[0]}"])
+                return found._replace(notes=[f"timestamp read as {kind[0]}: {example} is {found.first()[0]}"])
         parts = [parts_of(cell) for cell in cells]
         n_parts = sum(one is not None for one in parts)
         if 2 * n_parts >= len(parts) and n_parts >= n_iso:
@@ -179,13 +157,7 @@ def _number(cell: str) -> float:
 
 # ------------------------------------------------------------------------------------------------- clocks and zones
 
-_NAMED = {
-    "utc": 0, "gmt": 0, "wet": 0, "west": 1, "bst": 1, "cet": 1, "cest": 2, "mez": 1, "mesz": 2, "eet": 2, "eest": 3,
-    "nst": -3.5, "ndt": -2.5, "ast": -4, "adt": -3, "est": -5, "edt": -4, "cst": -6, "cdt": -5, "mst": -7, "mdt": -6,
-    "pst": -8, "pdt": -7, "akst": -9, "akdt": -8, "hst": -10, "awst": 8, "acst": 9.5, "acdt": 10.5, "aest": 10,
-    "aedt": 11, "nzst": 12, "nzdt": 13, "jst": 9,
-}  # fmt: skip
-"""Hours by which the clocks of named zones are ahead of UTC."""
+_NAMED = NAMES["zones"]  # hours by which the clocks of named zones are ahead of UTC
 _OF_SEVERAL_PLACES = {"cst": "cdt", "ast": "adt", "bst": "gmt"}
 """Names that other continents use as well, unless the name on the right is in the log too."""
 
@@ -220,10 +192,8 @@ def _on_clock(
     clocks = ["absolute" if k in offsets else zones[k] for k in known]
     unlike = next((k for k, clock in zip(known, clocks, strict=True) if clock != clocks[0]), None)
     if unlike is not None:
-        raise InputError(
-            f"timestamp in row {row_numbers[unlike]} has another time zone than the first, or one of them has none: "
-            "write one time zone, with or without UTC offset"
-        )
+        which = f"timestamp in row {row_numbers[unlike]} has another time zone than the first, or one of them has none"
+        raise InputError(f"{which}: write one time zone, with or without UTC offset")
     if not known or known[0] not in offsets:
         name = clocks[0].upper() if known else ""
         if name:
@@ -256,20 +226,15 @@ _UNEVEN = 5.0  # the order of day and month that makes a log this much longer th
 
 
 class Parts(NamedTuple):
-    """A time as it is written, before the order of day and month is known.
-
-    date: its three numbers.  month: index of the one that is a name, -1 if none is.  clock: time of day.  half: whether
-    AM or PM is written.  offset: from UTC; None if there is none.  zone: its name, blank if there is none.  mark:
-    between the numbers.
-    """
+    """A time as it is written, before the order of day and month is known."""
 
     date: tuple[int, int, int]
-    month: int
-    clock: timedelta
-    half: bool
-    offset: timedelta | None
-    zone: str
-    mark: str
+    month: int  # index of the number that is a name, -1 if none is
+    clock: timedelta  # time of day
+    half: bool  # whether AM or PM is written
+    offset: timedelta | None  # from UTC
+    zone: str  # its name, blank if there is none
+    mark: str  # between the numbers of the date
 
     def at(self, order: tuple[int, int, int]) -> datetime | None:
         """The time if year, month and day are in these places; None if there is no such day."""
@@ -307,8 +272,7 @@ def parts_of(cell: str) -> Parts | None:
     return Parts((a, b, c), named[0] if named else -1, clock, bool(found["half"]), offset, zone, found["mark"])
 
 
-_DAY_FIRST, _MONTH_FIRST = (2, 1, 0), (2, 0, 1)
-"""Where year, month and day are."""
+_DAY_FIRST, _MONTH_FIRST = (2, 1, 0), (2, 0, 1)  # where year, month and day are
 
 
 def _of_parts(parts: Sequence[Parts | None], row_numbers: Sequence[int], wrong: str, cure: str) -> Stamps:
@@ -331,10 +295,8 @@ def _order_of(parts: Mapping[int, Parts], cure: str, notes: list[str]) -> tuple[
     """The order of day and month in times by row: from numbers above 12, or from the order in which time goes on."""
     day_first, month_first = (next((row for row, one in parts.items() if one.date[k] > 12), None) for k in (0, 1))
     if day_first is not None and month_first is not None:
-        raise InputError(
-            f"timestamp has the day before the month in row {day_first} and after it in row {month_first}: write one "
-            "order, such as 2024-07-01T08:00:00"
-        )
+        both = f"the day before the month in row {day_first} and after it in row {month_first}"
+        raise InputError(f"timestamp has {both}: write one order, such as 2024-07-01T08:00:00")
     times = [[one.at(order) for one in parts.values()] for order in (_DAY_FIRST, _MONTH_FIRST)]
     ways = [np.diff(np.array([time.replace(tzinfo=None) for time in way if time], dtype=MICROSECONDS)) for way in times]
     steps = [np.abs(way.astype(float)) for way in ways]

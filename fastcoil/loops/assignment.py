@@ -12,22 +12,13 @@ from fastcoil.base.arguments import MOST_VALUES, array_of, collecting, flag_of, 
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.loops.labelled import as_labelled, in_our_unit, units_of
 from fastcoil.model.metric_table import METRICS, PREDICTIONS, TRACES
-from fastcoil.model.parameter_table import (
-    COUNTS,
-    INSTALLED_VALVE,
-    LARGEST,
-    PARAMETERS,
-    STAND_INS,
-    Parameter,
-    Scalar,
-    check_name,
-)
+from fastcoil.model.parameter_table import COUNTS, INSTALLED_VALVE, PARAMETERS, STAND_INS, Parameter, Scalar, check_name
 from fastcoil.model.user_rules import KINDS, Rule
 
 FORBIDDEN_DIMS = {"day", "replicate", "volume", "elapsed_time", "status", *METRICS, *PREDICTIONS, *TRACES}
-"""Names that a swept dimension cannot have: dimensions and variables of a result."""
-SHORTEST_SERIES = 3600
-"""Values, an hour of seconds: a list of that many may be a time series by mistake."""
+FORBIDDEN_DIMS |= {"method", "tolerance", "drop", "indexers", "missing_dims"}
+"""Names that a swept dimension cannot have: dimensions and variables of a result, and what xarray's ``sel`` takes."""
+SHORTEST_SERIES = 3600  # values, an hour of seconds: a list of that many may be a time series by mistake
 SERIES_HINT = (
     "did you mean a series?  A parameter does not change during a run: a series goes into fc.Boundary(…), an open-loop "
     "command into simulate(…, command=…)"
@@ -35,25 +26,19 @@ SERIES_HINT = (
 
 
 def checked_value(parameter: Parameter, value: Any) -> Scalar | xr.DataArray:
-    """Return a scalar in the parameter's type and unit, or a DataArray of admissible values.
-
-    value: a number, a word, a list (its own dimension), ``(dim, values)``, a DataArray or a pandas Series.
-    """
+    """A scalar in the parameter's type and unit, or a DataArray of admissible values; ``value`` as of ``Loop``."""
     name = parameter.name
     array = as_labelled(name, value, name)
-    if array is not None:
-        if array.dtype.kind in "iuf":
-            array = array.copy(data=in_our_unit(name, array, units_of(parameter.unit)))
-        if array.ndim:
-            return _checked_array(parameter, array)
-        value = array.values
+    if array is not None and array.dtype.kind in "iuf":
+        array = array.copy(data=in_our_unit(name, array, units_of(parameter.unit)))
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str) and not isinstance(value[1], str):
-        return _checked_array(parameter, xr.DataArray(_vector(parameter, value[1]), dims=value[0]))
-    if isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
-        return _checked_array(parameter, xr.DataArray(_vector(parameter, value), dims=name))
-    value = plain(value)
-    problem = parameter.problem(value)
-    if problem:
+        array = xr.DataArray(_vector(parameter, value[1]), dims=value[0])
+    elif isinstance(value, (list, tuple, range)) or (isinstance(value, np.ndarray) and value.ndim):
+        array = xr.DataArray(_vector(parameter, value), dims=name)
+    if array is not None and array.ndim:
+        return _checked_array(parameter, array)
+    value = plain(value if array is None else array.values)
+    if problem := parameter.problem(value):
         raise InputError(problem)
     return value if parameter.is_word else int(value) if name in COUNTS else float(value)
 
@@ -63,7 +48,7 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
     name, cure = parameter.name, "give a DataArray with named dims for more dimensions"
     if as_labelled(name, values, name) is not None:
         raise InputError(f"{name} has labels of its own: give it as it is, without the name of a dimension")
-    if not isinstance(values, (list, tuple, range)):
+    if not isinstance(values, (list, tuple)):
         values = array_of(name, values, "give a list of values", "iufUbOM")
         if values.ndim != 1:
             raise InputError(f"{name}: a sweep is a list of values; {cure}")
@@ -71,13 +56,11 @@ def _vector(parameter: Parameter, values: Any) -> np.ndarray:
         raise InputError(f"{name} has {len(values):,} values: give at most {MOST_VALUES:,}")
     if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and not parameter.is_word:
         return values
-    for given in values:
-        value = given if type(given) in (float, int, str) else plain(given)
+    right = (str,) if parameter.is_word else (float, int)
+    for value in (plain(given) for given in values if type(given) not in right):
         if isinstance(value, (np.ndarray, list, tuple)):
             raise InputError(f"{name} = {shown(value)} in a list: {cure}")
-        is_number = type(value) is float or (type(value) is int and abs(value) <= LARGEST)
-        fits = isinstance(value, str) if parameter.is_word else is_number
-        if not fits and (problem := parameter.problem(value)):
+        if problem := parameter.problem(value):
             raise InputError(problem)
     return np.asarray(values)
 
@@ -91,13 +74,13 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
     if not parameter.is_word and array.dtype.kind not in "iuf":
         raise InputError(WrongType(f"{name} has values of type {array.dtype}: give numbers"))
     flat = array.values.ravel()
-    suspects = flat
+    fine = np.zeros(flat.size, dtype=bool)
     if not parameter.is_word:
         with np.errstate(over="ignore"):  # what overflows is out of bounds
             flat = flat.astype(float)
         fine = np.isfinite(flat) & (flat > parameter.lower) & (flat < parameter.upper)
-        suspects = flat[~fine | (flat != np.floor(flat))] if parameter.whole else flat[~fine]
-    bad = [p for p in map(parameter.problem, suspects.tolist()) if p]
+        fine &= (flat == np.floor(flat)) | (not parameter.whole)
+    bad = [p for p in map(parameter.problem, flat[~fine].tolist()) if p]
     if bad:
         raise InputError(bad[0] if len(bad) == 1 else f"{bad[0]} (and {len(bad) - 1} more of its values)")
     if not parameter.is_word:
@@ -115,10 +98,9 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
 
 def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
     """Refuse names of dims that are taken or unusable, labels that no file can hold, and labels in another unit."""
-    if not isinstance(dim, str) or dim in FORBIDDEN_DIMS:
-        raise InputError(f"{name}: {shown(dim)} cannot be the name of a swept dimension: it is taken, choose another")
-    if not dim.isidentifier() or dim in ("method", "tolerance", "drop", "indexers", "missing_dims"):
-        raise InputError(f"{name}: {shown(dim)} cannot be the name of a dimension; use letters, digits and _")
+    if not isinstance(dim, str) or not dim.isidentifier() or dim in FORBIDDEN_DIMS:
+        cure = "it is taken, or not of letters, digits and _, choose another"
+        raise InputError(f"{name}: {shown(dim)} cannot be the name of a swept dimension: {cure}")
     if dim in PARAMETERS and dim == name and array.ndim > 1:
         raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
     if dim not in array.coords:
@@ -130,10 +112,7 @@ def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
     if dim in PARAMETERS and labels.dtype.kind in "iuf":
         ours = in_our_unit(dim, labels, units_of(PARAMETERS[dim].unit))
     if not np.array_equal(ours, array.values if dim == name else labels.values):
-        raise InputError(
-            f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values: "
-            "give them in our unit, or none"
-        )
+        raise InputError(f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values: give none")
 
 
 NO_RULES: Mapping[str, Rule] = {}
@@ -168,18 +147,14 @@ def without_rules(name: str, value: Any) -> tuple[Any, list[Rule]]:
         if rule.kind != name:
             raise InputError(f"{name}: {rule.name} is made with @fc.{rule.kind}: give {rule.kind} = {rule.name}")
     for function in filter(inspect.isfunction, several):
-        raise InputError(
-            WrongType(f"{name}: {function.__name__} is a plain function: put @fc.{name}(Parameters, Memory) before it")
-        )
+        cure = f"put @fc.{name}(Parameters, Memory) before it"
+        raise InputError(WrongType(f"{name}: {function.__name__} is a plain function: {cure}"))
     words = [each.name if isinstance(each, Rule) else each for each in several]
     return (words if several is value else words[0]) if rules else value, rules
 
 
 def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str]) -> dict[str, Rule]:
-    """The rules known so far with new ones; one of the same name is replaced.
-
-    used: names of the rules that are now used.  Those that are not give way where names of parameters clash.
-    """
+    """The rules known so far with new ones; those not ``used`` give way where names of parameters clash."""
     found: dict[str, Rule] = {}
     for rule in new:
         if found.setdefault(rule.name, rule) != rule:
@@ -192,10 +167,7 @@ def taken(known: Mapping[str, Rule], new: Collection[Rule], used: Collection[str
         for name, parameter in rule.own.items():
             other = first.setdefault(name, rule)
             if _alike(other.own[name]) != _alike(parameter):
-                raise InputError(
-                    f"{name} is a parameter of {other.name} and another one of {rule.name}: rename one, or declare "
-                    "both alike"
-                )
+                raise InputError(f"{name} is a parameter of {other.name} and another one of {rule.name}: rename one")
     return rules
 
 
@@ -241,21 +213,16 @@ def assigned(
     """Apply ``changes``; all of their mistakes are reported together.  Returns the values and the rules known."""
     problems: list[str] = []
     checked: dict[str, Any] = {}
-    try:
+    with collecting(problems):
         changes, rules = _with_rules(values, known, changes)
         values, known = with_defaults(values, known, rules), rules
-    except InputError as error:
-        problems += error.problems
-        changes = {n: v for n, v in changes.items() if n not in KINDS}
-    try:
+    refused = {WORD, *(KINDS if problems else ())}
+    with collecting(problems):
         changes = expanded(changes)
-    except InputError as error:
-        problems += error.problems
-        changes = {n: v for n, v in changes.items() if n != WORD}
     table = table_of(known)
-    for name, value in changes.items():
+    for name in [name for name in changes if name not in refused]:
         with collecting(problems):
-            checked[name] = checked_value(table[check_name(name, table)], value)
+            checked[name] = checked_value(table[check_name(name, table)], changes[name])
     for stand_ins, replaced in _ALTERNATIVES:
         one, other = [n for n in stand_ins if n in checked], [n for n in replaced if n in checked]
         if one and other:
@@ -301,10 +268,8 @@ def _check_axes(values: Mapping[str, Any]) -> None:
             other = first.setdefault(str(dim), name)
             expected = values[other].sizes[dim]
             if size != expected:
-                problems.append(
-                    f"{name} has {size} values along {dim!r}, {other} has {expected}: zipped parameters need the same "
-                    "length; to change it, give all of them in one call"
-                )
+                cure = "give all of them in one call, of the same length"
+                problems.append(f"{name} has {size} values along {dim!r}, {other} has {expected}: {cure}")
             elif name == dim or dim in value.coords:
                 labels = value.values if name == dim else value.coords[dim].values
                 one, before = labelled.setdefault(str(dim), (name, labels))
@@ -322,12 +287,3 @@ def _check_axes(values: Mapping[str, Any]) -> None:
             counted = f"{shown(labels.tolist())} along {dim!r} where {bare[0]} counts from 0"
             problems.append(f"{name} has the labels {counted}: give {name} in that order, or without labels")
     refuse(problems)
-
-
-def words_of(values: Mapping[str, Any], kind: str) -> set[str]:
-    """The estimators, or the laws, that some scenario of these parameters has."""
-    value = values.get(kind)
-    if value is None:
-        learns = bool(np.any(np.asarray(values["learning_step"]) > 0.0))
-        return {"learner"} if learns else {"none"}
-    return set(np.unique(np.asarray(value)).tolist())

@@ -32,15 +32,10 @@ _CAPS = {"learner": "learning_cap", "gradient": "gradient_cap"}
 
 
 def check_clashes(loop: Loop, T_set: Array, least_scale: float = 1.0) -> None:
-    """Refuse values that only clash together.
-
-    T_set: all the set-points that the loop will see, °C.  least_scale: the least that the boundary multiplies the
-    backlash by.
-    """
+    """Refuse values that only clash together; ``T_set``: all set-points, °C; ``least_scale``: of the backlash."""
     rules = [rule for rule in loop.rules.values() if rule.name not in words_used(loop, rule.kind)]
     problems = [
-        *_estimate_clashes(loop),
-        *_stem_clashes(loop, least_scale),
+        *_size_clashes(loop, least_scale),
         *_unread_by_estimators(loop).values(),
         *(
             f"{rule.name}, which no scenario has, alone reads {' and '.join(rule.own)}: give {rule.kind} = "
@@ -77,18 +72,13 @@ def controller_clashes(loop: Loop, T_set: Array) -> list[str]:
     problems = [*_unread_by_controller(loop).values(), *_buffer_clashes(loop), *_test_clashes(loop)]
     widest, width = float(np.max(np.asarray(loop["error_dead_band"]))), float(np.max(T_set) - np.min(T_set))
     if ONE_SET_POINT <= width <= widest:
-        problems.append(
-            f"error_dead_band = {widest:g} K: the set-points lie within {width:g} K, so none of their changes would "
-            "move the valve, give less"
-        )
+        what = f"set-points within {width:g} K would not move the valve"
+        problems.append(f"error_dead_band = {widest:g} K: {what}, give less")
     return problems
 
 
 def unread_values(loop: Loop) -> dict[str, str]:
-    """Parameters that differ from their defaults and that no scenario reads, each with the sentence that refuses it.
-
-    A loop taken out of a sweep may have some that only its neighbours read.
-    """
+    """Parameters that differ from their defaults and that no scenario reads, with the sentences that refuse them."""
     return _unread_by_estimators(loop) | _unread_by_controller(loop)
 
 
@@ -97,8 +87,8 @@ def _values(loop: Loop, *names: str) -> list[xr.DataArray]:
     return [xr.DataArray(loop[name]) for name in names]
 
 
-def _estimate_clashes(loop: Loop) -> Iterator[str]:
-    """An estimate of 1 or more, an estimator that starts above its cap, a learner without a step."""
+def _size_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
+    """An estimate of 1 or above its cap, a learner without a step or reference, a jump of the stem above its gap."""
     if loop["estimate_ratio"] is None:
         (estimate,) = _values(loop, "backlash_estimate")
     else:
@@ -106,38 +96,23 @@ def _estimate_clashes(loop: Loop) -> Iterator[str]:
         estimate = ratio * backlash
     largest = float(estimate.max())
     if largest >= 1.0:
-        yield (
-            f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, "
-            "lower estimate_ratio or backlash"
-        )
+        yield f"estimate_ratio × backlash reaches {largest:g}: an estimate must stay below 1, lower one of them"
     used = words_used(loop, "estimator")
     step, error_ratio, reference = _values(loop, "learning_step", "learning_error_ratio", "learning_reference")
     learns = (step > 0.0) if loop["estimator"] is None else xr.DataArray(loop["estimator"]) == "learner"
     for name, cap in _CAPS.items():
         has = learns if name == "learner" else xr.DataArray(loop["estimator"]) == name
         if name in used and (has & (estimate > xr.DataArray(loop[cap]))).any():
-            yield (
-                f"backlash_estimate up to {largest:g} with the estimator {name}: it cannot start above {cap}, "
-                "lower the estimate or raise the cap"
-            )
+            yield f"backlash_estimate up to {largest:g}: it cannot start above {cap}, lower it or raise {cap}"
     if "learner" in used and (learns & (step == 0.0)).any():
         yield "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
     if (error_ratio > 0.0).any() and ((error_ratio > 0.0) & (reference == 0.0)).any():
-        yield (
-            "learning_error_ratio without learning_reference: the error of the first interval is that of the start-up, "
-            "give the number of intervals that the reference is the mean of"
-        )
-
-
-def _stem_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
+        yield "learning_error_ratio without learning_reference: give the number of intervals whose mean it is"
     jump, backlash = _values(loop, "slip_jump", "backlash")
     least = min(least_scale, 1.0)
     if (jump > 0.0).any() and (excess := float((jump - least * backlash).where(jump > 0.0, 0.0).max())) > 0.0:
         scaled = "" if least == 1.0 else f", which backlash_scale makes {least:g} times as large"
-        yield (
-            f"slip_jump is up to {excess:g} above the backlash{scaled}: a stem jumps at most by the band in which it "
-            "sticks, lower slip_jump or raise backlash"
-        )
+        yield f"slip_jump is up to {excess:g} above the backlash{scaled}: lower slip_jump or raise backlash"
 
 
 def _unread_by_estimators(loop: Loop) -> dict[str, str]:
@@ -173,16 +148,10 @@ def _buffer_clashes(loop: Loop) -> list[str]:
     if not (ratio > 0.0).any() and not (swing > 0.0).any():
         return []
     measures, gain = word == "measured", loop["plant_gain"]
-    problems = []
-    if (measures & (ratio > 0.0) & (swing == 0.0)).any():
-        problems.append(
-            "buffer_noise = 'measured' without buffer_swing: a loop that rings looks like noise and would widen its "
-            "own buffer, give buffer_swing and plant_gain"
-        )
+    if (measures & (ratio > 0.0) & (swing == 0.0)).any():  # a loop that rings looks like noise
+        return ["buffer_noise = 'measured' without buffer_swing: give buffer_swing and plant_gain, which limit it"]
     if gain is None and (swing > 0.0).any():
-        problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
-    if problems:
-        return problems
+        return ["buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer"]
     # measured noise has no upper bound: the swing alone limits the buffer
     buffer = (ratio * abs(kp) * noise.where(~measures, np.inf)).where(ratio > 0.0, 0.0)
     if gain is not None:
@@ -192,9 +161,8 @@ def _buffer_clashes(loop: Loop) -> list[str]:
             largest = float(highest.where(measures).max())
             return [f"buffer_swing / plant_gain reaches {largest:g}: a buffer must stay below 1, lower buffer_swing"]
     largest = float(buffer.max())
-    if largest >= 1.0:
-        return [f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"]
-    return []
+    text = f"buffer_ratio × kp × noise_std reaches {largest:g}: a buffer must stay below 1, lower one"
+    return [text] if largest >= 1.0 else []
 
 
 def _test_clashes(loop: Loop) -> Iterator[str]:
@@ -215,10 +183,7 @@ def _test_clashes(loop: Loop) -> Iterator[str]:
 
 
 def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
-    """Refuse a valve test that would end after the ``seconds`` that are simulated, or in a loop that is not closed.
-
-    Warn of one that would start after them.
-    """
+    """Refuse a valve test that ends after ``seconds``, or in an open loop; warn of one that starts after them."""
     if loop["test_start"] is None:
         return
     if not closed:
@@ -232,10 +197,8 @@ def check_test_times(loop: Loop, seconds: int, *, closed: bool) -> None:
         )
     ends = (starts + 60.0 * minutes).where(~late, 0.0)
     if (ends > seconds).any():
-        raise InputError(
-            f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s: start it "
-            "earlier, or give a longer day"
-        )
+        both = f"the valve test would end at {float(ends.max()):,g} s, the simulation ends at {seconds:,} s"
+        raise InputError(f"{both}: start it earlier, or give a longer day")
 
 
 def _is_changed(loop: Loop, name: str) -> bool:
@@ -244,28 +207,23 @@ def _is_changed(loop: Loop, name: str) -> bool:
     return value is not None and bool(np.any(np.asarray(value) != PARAMETERS[name].default))
 
 
-FAR = 35.0
-"""Water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does."""
-
-MIST = 1.05
-"""Relative humidity up to which air may be mist, or readings may be rounded."""
-
-IDLE = 10.0
-"""Air that is always so much beyond its set-point, K, leaves a loop nothing to do."""
+FAR = 35.0  # water that much warmer than the air, K, changes it at least twice as much per stroke as chilled water does
+MIST = 1.05  # relative humidity up to which air may be mist, or readings may be rounded
+IDLE = 10.0  # air that is always so much beyond its set-point, K, leaves a loop nothing to do
 
 
 def tell_doubts(loop: Loop, boundary: Boundary, *, closed: bool = True) -> None:
     """Warn where loop and days do not suit each other.  closed: the controller is on, its action and gains count."""
-    doubts = list(_doubts(loop, boundary)) if closed else []
+    for doubt in _doubts(loop, boundary) if closed else ():
+        warnings.warn(doubt, stacklevel=5)
     pressure = float(np.max(np.asarray(loop["pressure"])))
     damp, sample = boundary.dampest
     if damp * pressure > MIST:
-        doubts.append(
+        warnings.warn(
             f"{sample} is a relative humidity of {damp * pressure:.0%} at {pressure:.6g} Pa: check the units of both, "
-            "or give the loop the pressure of the place"
+            "or give the loop the pressure of the place",
+            stacklevel=5,
         )
-    for doubt in doubts:
-        warnings.warn(doubt, stacklevel=5)
 
 
 def tell_limited(loop: Loop, ds: xr.Dataset) -> None:

@@ -19,20 +19,15 @@ from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.logs.series import COLUMNS, DIFFERENCE, FRACTION, PRESSURE, TEMPERATURE, TIME, WATER_FLOW, Units, spelled
 from fastcoil.logs.timestamps import offset_text
 
-_HEAT_CAPACITY: Units = {"kJ K-1": (1.0, 0.0), "kJ/K": (1.0, 0.0), "J K-1": (1e-3, 0.0), "J/K": (1e-3, 0.0)}
-_SPECIFIC_HEAT: Units = {
-    "kJ kg-1 K-1": (1.0, 0.0),
-    "kJ/(kg K)": (1.0, 0.0),
-    "J kg-1 K-1": (1e-3, 0.0),
-    "J/(kg K)": (1e-3, 0.0),
-}
-_GAIN: Units = {"K-1": (1.0, 0.0), "1/K": (1.0, 0.0), "%/K": (0.01, 0.0), "percent/K": (0.01, 0.0)}
-_RATE: Units = {"s-1": (1.0, 0.0), "1/s": (1.0, 0.0), "1/min": (1 / 60, 0.0), "%/s": (0.01, 0.0)}
-_FREQUENCY: Units = {"rad s-1": (1.0, 0.0), "rad/s": (1.0, 0.0), "Hz": (2.0 * np.pi, 0.0)}
-_FAMILIES = (
-    *(FRACTION, TIME, TEMPERATURE, DIFFERENCE, WATER_FLOW, PRESSURE),
-    *(_HEAT_CAPACITY, _SPECIFIC_HEAT, _GAIN, _RATE, _FREQUENCY),
+_SCALES = (
+    {"kJ K-1": 1.0, "kJ/K": 1.0, "J K-1": 1e-3, "J/K": 1e-3},
+    {"kJ kg-1 K-1": 1.0, "kJ/(kg K)": 1.0, "J kg-1 K-1": 1e-3, "J/(kg K)": 1e-3},
+    {"K-1": 1.0, "1/K": 1.0, "%/K": 0.01, "percent/K": 0.01},
+    {"s-1": 1.0, "1/s": 1.0, "1/min": 1 / 60, "%/s": 0.01},
+    {"rad s-1": 1.0, "rad/s": 1.0, "Hz": 2.0 * np.pi},
 )
+_OF_PARAMETERS = [{unit: (scale, 0.0) for unit, scale in family.items()} for family in _SCALES]
+_FAMILIES = (FRACTION, TIME, TEMPERATURE, DIFFERENCE, WATER_FLOW, PRESSURE, *_OF_PARAMETERS)
 _UNITS = {next(iter(units)): units for units in _FAMILIES}
 
 
@@ -42,10 +37,7 @@ def units_of(unit: str) -> Units:
 
 
 def as_labelled(name: str, value: Any, dim: str) -> xr.DataArray | None:
-    """``value`` as a DataArray if it has labels, None if it is bare.  dim: that of a pandas index without a name.
-
-    ``InputError`` if it is a Dataset, a list of labelled arrays, or a DataFrame whose axes have no names.
-    """
+    """``value`` as a DataArray if it has labels, None if it is bare; ``dim``: of a pandas index without a name."""
     if isinstance(value, xr.DataArray):
         return value
     if isinstance(value, xr.Variable):
@@ -107,26 +99,18 @@ def in_our_unit(name: str, array: xr.DataArray, units: Units) -> NDArray[Any]:
 
 
 class Course(NamedTuple):
-    """What the labels of a series of 1-s samples say; None where they say nothing.
+    """What the labels of a series of 1-s samples say; None where they say nothing."""
 
-    n_steps, n_days: how many samples a day has, and how many days there are.  day: its labels, () or (n_days,).
-    second: ``elapsed_time`` of the first sample, s.  start: its date and time, () or (n_days,) datetime64[us].
-    time_zone: of ``start``; blank if that has none.
-    """
-
-    n_steps: int | None = None
+    n_steps: int | None = None  # samples of a day
     n_days: int | None = None
-    day: NDArray[Any] | None = None
-    second: float | None = None
-    start: NDArray[np.datetime64] | None = None
-    time_zone: str | None = None
+    day: NDArray[Any] | None = None  # labels, () or (n_days,)
+    second: float | None = None  # ``elapsed_time`` of the first sample, s
+    start: NDArray[np.datetime64] | None = None  # of the first sample, () or (n_days,), in µs
+    time_zone: str | None = None  # of ``start``; blank if that has none
 
 
 def course_of(name: str, array: xr.DataArray) -> Course:
-    """The labels of a series along ``day`` and ``elapsed_time``.
-
-    ``InputError`` if it has other dims, or if its samples are not 1 s apart.
-    """
+    """The labels of a series along ``day`` and ``elapsed_time``; refused with other dims or steps than 1 s."""
     if not set(array.dims) <= {"day", "elapsed_time"}:
         raise InputError(f"{name} has dims {array.dims}: name them elapsed_time and, for several days, day")
     second, start, zone = None, None, None
@@ -163,9 +147,7 @@ def _seconds(name: str, along: xr.DataArray) -> Array:
 def _check_steps(name: str, steps: Array) -> None:
     wrong = np.flatnonzero(~(np.abs(steps - 1.0) < 1e-6))
     if wrong.size:
-        raise InputError(
-            f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps (interpolate first)"
-        )
+        raise InputError(f"{name} has a step of {steps[wrong[0]]:g} s after sample {wrong[0]}: give 1-s steps")
 
 
 def differing(what: str, found: Mapping[str, Any], cure: str) -> list[str]:

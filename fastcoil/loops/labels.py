@@ -77,15 +77,11 @@ def is_parameter(ds: xr.Dataset | xr.DataArray, dim: Hashable) -> bool:
     return dim in PARAMETERS or (dim in ds.coords and "comment" in ds[dim].attrs)
 
 
-_ROUND_OFF = 1e-9
-"""The default buffer: it ignores no reversal but that of the last digits."""
+_ROUND_OFF = 1e-9  # the default buffer: it ignores no reversal but that of the last digits
 
 
 def plain_pi(ds: xr.Dataset | xr.DataArray) -> str:
-    """What a loop of this result is whose estimate is 0: ``plain PI``, or ``PI with a buffer``.
-
-    A buffer holds small reversals of u back whatever the estimate, which a plain PI does not.
-    """
+    """A loop of this result without estimate: ``plain PI``, or ``PI with a buffer``, which holds back reversals."""
     stored = json.loads(ds.attrs.get("parameters", "{}"))
     values = {
         name: np.asarray(ds.coords[name].values if name in ds.coords else stored.get(name, 0.0))
@@ -124,10 +120,7 @@ def label_in_words(ds: xr.Dataset | xr.DataArray, dim: str, k: int) -> str:
 
 
 def quantity_of_values(values: xr.DataArray) -> Quantity:
-    """How values are shown: those of our tables as usual, others by their own name, ``long_name`` and ``units``.
-
-    Shares of a baseline, as ``compare`` gives them, are changes in per cent.
-    """
+    """How values are shown: as of our tables, or by their attributes; shares of a baseline in per cent."""
     name, attrs = str(values.name or ""), values.attrs
     entry = METRICS.get(name) or PREDICTIONS.get(name) or TRACES.get(name)
     if entry is not None and "relative_to" in attrs:

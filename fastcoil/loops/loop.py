@@ -16,7 +16,7 @@ import xarray as xr
 
 from fastcoil.base.arguments import choice_of, instance_of, refuse
 from fastcoil.base.errors import InputError, WrongType, nearest, shown
-from fastcoil.loops.assignment import NO_RULES, WORD, assigned, checked_value, table_of, taken, with_defaults, words_of
+from fastcoil.loops.assignment import NO_RULES, WORD, assigned, checked_value, table_of, taken, with_defaults
 from fastcoil.loops.keywords import UNCHANGED, Keywords, PresetName, describe_parameters, take_parameters
 from fastcoil.loops.presets import PRESETS, Preset
 from fastcoil.model.metric_table import METRICS
@@ -202,7 +202,10 @@ def forgetting(loop: Loop, names: Collection[str]) -> Loop:
 
 def words_used(loop: Loop, kind: str) -> set[str]:
     """The estimators, or the laws, that some scenario has."""
-    return words_of(dict(loop.items()), kind)
+    if loop[kind] is None:
+        learns = bool(np.any(np.asarray(loop["learning_step"]) > 0.0))
+        return {"learner"} if learns else {"none"}
+    return set(np.unique(np.asarray(loop[kind])).tolist())
 
 
 def _with_rules(loop: Loop, rules: Mapping[str, Rule]) -> Loop:

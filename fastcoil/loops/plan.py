@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fastcoil.base.arguments import checking, flag_of, instance_of, whole_of
-from fastcoil.base.errors import InputError, WrongType, nearest, shown
+from fastcoil.base.arguments import checking, choice_of, collecting, flag_of, instance_of, whole_of
+from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.base.files import exists, storage_errors
 from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.assignment import SERIES_HINT, SHORTEST_SERIES
@@ -37,9 +37,8 @@ def check_memory(needed: int, n_scenarios: int) -> None:
     """Refuse results of ``needed`` bytes that do not fit into memory."""
     available = available_memory()
     if needed > available:
-        raise InputError(
-            f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {gib(available)} are available: {_CURE}"
-        )
+        few = f"{gib(available)} are available"
+        raise InputError(f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {few}: {_CURE}")
 
 
 def check_workers(alone: int, each: int, n_jobs: int) -> None:
@@ -47,10 +46,8 @@ def check_workers(alone: int, each: int, n_jobs: int) -> None:
     available = available_memory()
     if alone + n_jobs * each > available:
         fit = (available - alone) // each
-        raise InputError(
-            f"{n_jobs} workers need {gib(alone + n_jobs * each)} of memory, {gib(available)} are available: "
-            + (f"use -j {fit}" if fit >= 1 else _CURE)
-        )
+        cure = f"{gib(available)} are available: " + (f"use -j {fit}" if fit >= 1 else _CURE)
+        raise InputError(f"{n_jobs} workers need {gib(alone + n_jobs * each)} of memory, {cure}")
 
 
 def check_disk(needed: int, folder: Path) -> None:
@@ -138,10 +135,6 @@ class Plan:
     def boundary_bytes(self) -> int:
         return len(self.days) * self.n_steps * 8 * len(DAY_COLUMNS)
 
-    def memory_bytes(self) -> int:
-        """Most memory that ``simulate`` takes: measured, five times the metrics and twice the traces."""
-        return 5 * self.metric_bytes + 3 * self.trace_bytes
-
     def memory_of_run(self, n_jobs: int, backend: str, *, traces_kept: bool = True) -> tuple[int, int]:
         """Most memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
@@ -150,7 +143,11 @@ class Plan:
         reduced or for another process, which has Python, its libraries and the boundary too.
         """
         of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
-        largest = self._largest_shard(n_jobs)
+        if self.carry_over:
+            largest = min(self.lanes_of_sequence(n_jobs, self.n_a_day), self.n_a_day) * len(self.days)
+        else:
+            blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * -(-self.n_a_day // LANES))
+            largest = min(blocks * LANES, scenarios, self.n_scenarios)
         copies = 1 if traces_kept and backend == "threads" else 3
         each = (copies * of_scenario + _OF_PARAMETERS) * largest
         each += of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
@@ -159,31 +156,9 @@ class Plan:
         return _OF_KERNELS + _OF_SUMMARY * self.n_scenarios + 3 * of_scenario * largest, each
 
     def disk_bytes(self, *, traces_kept: bool = True) -> int:
-        """Most room that a study takes on disk, while it is merged: shards and results, were these not compressed.
-
-        Metrics are put together in between, and traces of days in sequence, whose shards are not in their order.
-        """
+        """Most room that a study takes on disk, while it is merged: shards, results, what is put together for them."""
         of_shards = sum(self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names)
         return 3 * self.metric_bytes + (3 if self.carry_over else 2) * of_shards * traces_kept
-
-    def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
-        """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.
-
-        A shard is a contiguous range of ``todo`` of whole blocks.  It may span days, a block does not: a day with one
-        scenario is a block too.  Returns flat indices, ascending.
-        """
-        todo = np.arange(self.n_scenarios) if todo is None else todo
-        day = todo // self.n_a_day
-        in_day = np.arange(todo.size) - np.searchsorted(day, day)
-        edges = np.append(np.flatnonzero(in_day % LANES == 0), todo.size)  # where a block starts, and the end
-        most_blocks, most_scenarios = self.shard_limits(n_jobs, edges.size - 1)
-        shards, first = [], 0
-        while first < edges.size - 1:
-            within = int(np.searchsorted(edges, edges[first] + most_scenarios, side="right")) - 1
-            end = max(first + 1, min(first + most_blocks, within, edges.size - 1))
-            shards.append(todo[edges[first] : edges[end]])
-            first = end
-        return shards
 
     def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
         """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
@@ -200,13 +175,6 @@ class Plan:
         by_work = max(_FEWEST_BLOCKS, int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES)))
         by_size = _BYTES_PER_SHARD * self.n_a_day // (self.metric_bytes + self.trace_bytes)
         return max(1, min(LANES * min(-(-n_blocks // n_groups), by_work), by_size))
-
-    def _largest_shard(self, n_jobs: int) -> int:
-        """Number of scenarios."""
-        if self.carry_over:
-            return min(self.lanes_of_sequence(n_jobs, self.n_a_day), self.n_a_day) * len(self.days)
-        blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * -(-self.n_a_day // LANES))
-        return min(blocks * LANES, scenarios, self.n_scenarios)
 
 
 def plan_simulation(
@@ -240,10 +208,8 @@ def plan_simulation(
             if value.dims == (name,) and value.size == boundary.n_steps >= SHORTEST_SERIES
         ]
         if not check.problems and boundary.n_steps <= warm_up:
-            check.problems.append(
-                f"the {'first day' if carry_over else 'boundary'} lasts {boundary.n_steps} s, the warm-up "
-                f"{shown(warm_up)} s: nothing is left to count, give a longer {'day' if carry_over else 'boundary'}"
-            )
+            lasts = f"a day lasts {boundary.n_steps} s, the warm-up {shown(warm_up)} s"
+            check.problems.append(f"{lasts}: nothing is left to count, give longer days")
     layout = Layout(loop, boundary, replicates)
     with checking() as check:
         for rule in layout.loop.rules.values():
@@ -252,7 +218,8 @@ def plan_simulation(
     commands = commands_of(command, boundary)
     days = Days(boundary, commands, warm_up, seed, carry_over=carry_over)
     plan = Plan(layout, TraceRequest(tuple(traces), trace_interval), warm_up, seed, commands, days)
-    check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else plan.memory_bytes(), plan.n_scenarios)
+    in_memory = 5 * plan.metric_bytes + 3 * plan.trace_bytes  # what simulate takes at most, measured
+    check_memory(sum(plan.memory_of_run(1, "threads")) if traces_on_disk else in_memory, plan.n_scenarios)
     check_clashes(layout.loop, np.array(boundary.extremes["T_set"]), boundary.extremes["backlash_scale"][0])
     seconds = boundary.n_steps * (len(days) if carry_over else 1)
     check_test_times(layout.loop, seconds, closed=commands is None)
@@ -288,24 +255,20 @@ def _trace_problems(traces: object) -> list[str]:
     for name in traces:
         if name in BOUNDARY_SERIES:
             problems.append(f"traces: {name!r} is an input: it is in the boundary, as boundary.series[{name!r}]")
-        elif name not in TRACES:
-            near = nearest(str(name), TRACES)
-            problems.append(f"traces: {shown(name)} is not a trace{near}; known: {', '.join(TRACES)}")
+        else:
+            with collecting(problems):
+                choice_of("traces", name, TRACES)
     return problems + [f"traces: {n} is listed twice" for n in TRACES if traces.count(n) > 1]
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Scenarios that one worker runs: of independent days any, of a sequence of days some lanes on all of them.
+    """Scenarios that one worker runs: of independent days any, of a sequence of days some lanes on all of them."""
 
-    lanes: (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day.  Of a sequence
-    alone: first, the day from which on results are kept, and end, the day before which it ends.
-    """
-
-    lanes: np.ndarray
+    lanes: np.ndarray  # (n,), ascending: flat indices, or in a sequence positions among the ``of`` scenarios of a day
     of: int = 0
-    first: int = 0
-    end: int = 1
+    first: int = 0  # day of a sequence from which on results are kept
+    end: int = 1  # day before which a sequence ends
 
     @property
     def is_sequence(self) -> bool:
@@ -352,10 +315,20 @@ class Share:
 
 
 def shards_of(plan: Plan, n_jobs: int, todo: np.ndarray | None = None) -> list[Shard]:
-    """The shards of the scenarios ``todo``: flat indices, ascending; all by default."""
-    if not plan.carry_over:
-        return [Shard(index) for index in plan.shards(n_jobs, todo)]
+    """The shards of ``todo``, flat indices, ascending, or of all: ranges of whole blocks, each of one day; or lanes."""
     of, todo = plan.n_a_day, np.arange(plan.n_scenarios) if todo is None else todo
+    if not plan.carry_over:
+        day = todo // of
+        in_day = np.arange(todo.size) - np.searchsorted(day, day)
+        edges = np.append(np.flatnonzero(in_day % LANES == 0), todo.size)  # where a block starts, and the end
+        most_blocks, most_scenarios = plan.shard_limits(n_jobs, edges.size - 1)
+        shards, start = [], 0
+        while start < edges.size - 1:
+            within = int(np.searchsorted(edges, edges[start] + most_scenarios, side="right")) - 1
+            stop = max(start + 1, min(start + most_blocks, within, edges.size - 1))
+            shards.append(Shard(todo[edges[start] : edges[stop]]))
+            start = stop
+        return shards
     first, end = np.full(of, len(plan.days)), np.zeros(of, dtype=np.int64)
     np.minimum.at(first, todo % of, todo // of)
     np.maximum.at(end, todo % of, todo // of + 1)

@@ -14,11 +14,7 @@ _POLYNOMIAL = ("m_max", "valve_a", "valve_b", "valve_c")  # the curve of a valve
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named loop.
-
-    ``values`` are the parameters in which it differs from the defaults, ``T_w_in`` the entering water that its coil is
-    meant for, degC.
-    """
+    """A named loop: the ``values`` that differ from the defaults, ``T_w_in``, degC, of the water of its coil."""
 
     name: str
     text: str
@@ -59,8 +55,7 @@ _FILE = Path(__file__).with_suffix(".toml")
 PRESETS = Presets(
     (name, Preset(name, **entry)) for name, entry in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
 )
-COOLING = {name: preset for name, preset in PRESETS.items() if not preset.heats}
-"""The presets of a cooling coil."""
+COOLING = {name: preset for name, preset in PRESETS.items() if not preset.heats}  # the presets of a cooling coil
 
 
 def presets() -> Presets:

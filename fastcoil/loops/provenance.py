@@ -28,10 +28,7 @@ _READ_AT_ONCE, _HASHED_AT_ONCE = 2**23, 2**20  # values; these bound the memory 
 
 
 def content_sha256(ds: xr.Dataset) -> str:
-    """Hash of names, dims, values and all attributes but the volatile ones: equal for equal results.
-
-    It survives a round trip through NetCDF, where strings and attributes change their types.
-    """
+    """Hash of names, dims, values and all but volatile attributes: equal for equal results, also through NetCDF."""
     return combined_sha256(ds, {str(n): variable_sha256(v) for n, v in ds.variables.items()})
 
 
@@ -83,12 +80,10 @@ def _hash_attrs(digest: Any, attrs: Mapping[str, Any]) -> None:
         digest.update(f"{key}={text}\n".encode())
 
 
-FORMAT = 1
-"""Of results on disk; a file of a later one is refused."""
+FORMAT = 1  # of results on disk; a file of a later one is refused
 
 
-PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")
-"""Whose versions a result keeps."""
+PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "xarray", "netCDF4")  # whose versions a result keeps
 
 
 def provenance() -> dict[str, Any]:

@@ -36,10 +36,7 @@ _PIECE = 0.5  # seconds; a long wait is cut into pieces
 
 
 def within(seconds: float | None, call: Callable[[], T]) -> T:
-    """Make a call, or raise TimeoutError if it takes longer; ``None``: wait for ever.
-
-    An abandoned call continues in a daemon thread.
-    """
+    """Make a call, or raise TimeoutError and leave it to a daemon thread if it takes longer; None: no limit."""
     found = _started(call)
     if seconds is None:
         _await([found])
@@ -48,10 +45,7 @@ def within(seconds: float | None, call: Callable[[], T]) -> T:
 
 @contextmanager
 def on_threads(n_threads: int, call: Callable[[S], None], items: Sequence[S]) -> Iterator[None]:
-    """Call a function with each item on threads, while the caller runs the body of ``with``; wait for all at its end.
-
-    After the first error or Ctrl-C no more calls begin; those that run continue, as in ``within``.
-    """
+    """Call with each item on threads during the body of ``with``, whose end waits; after an error no more begin."""
     todo = deque(items)
 
     def work() -> None:

@@ -52,7 +52,10 @@ def require_agreement(log: Log) -> list[str]:
         if here.any() and np.median(apart[here]) > most:
             typical = ", ".join(f"{name} {np.median(values[name][here]):.3g}" for name in names)
             said = f"{log.name}: {typical} degC, as they typically are, do not agree: check "
-            if len(names) > 2 or _is_of_unit(T[here], values["T_set"][here]):
+            both = T[here], values[names[1]][here]
+            # come together if one is in °F instead of °C, or the reverse
+            pairs = (both, both[::-1])
+            if len(names) > 2 or any(np.median(np.abs(a - 32.0 - 1.8 * b)) < _TOGETHER for a, b in pairs):
                 problems.append(f"{said}their units")
             else:
                 warnings.append(f"{said}the columns, the sensor and the valve")
@@ -79,17 +82,12 @@ def _heat_problems(log: Log) -> Iterator[str]:
         yield f"{log.name}: water takes up {ratio} the heat of the air ({flows}): check the units of both flows"
 
 
-def _is_of_unit(T: Array, T_set: Array) -> bool:
-    """Whether a temperature and its set-point come together if one of them is in °F instead of °C, or the reverse."""
-    return any(np.median(np.abs(one - 32.0 - 1.8 * other)) < _TOGETHER for one, other in ((T, T_set), (T_set, T)))
-
-
 class Law(NamedTuple):
     """The PI that a command implies: how much of the command it explains, and the clock on which it does so."""
 
-    late: int  # samples by which the temperature stands late beside the command; negative: early
-    share: float  # of the variance of the command's changes; NaN if too few can be compared
-    least: float  # share that the command's own temperature explains
+    late: int = 0  # samples by which the temperature stands late beside the command; negative: early
+    share: float = np.nan  # of the variance of the command's changes; NaN if too few can be compared
+    least: float = 0.0  # share that the command's own temperature explains
     ti: float = np.nan  # s; below 0, the command moves before the temperature that it answers
     memory: float = 0.0  # correlation of what it leaves with what it leaves a window later
 
@@ -97,9 +95,6 @@ class Law(NamedTuple):
     def is_another(self) -> bool:
         """Whether the command answers another temperature, or under another law."""
         return self.share < self.least or (self.memory > _FORGOTTEN and 1.0 - self.share > _LITTLE)
-
-
-NO_LAW = Law(0, np.nan, 0.0)
 
 
 def implied_law(
@@ -137,9 +132,9 @@ def implied_law(
         moved = moved - (command[first] - command[first - width])
     if first.size < LEAST_PI_ROWS or not np.any(moved):
         if T_set is None or not settled:
-            return NO_LAW
+            return Law()
         at_all = implied_law(command, temperature, T_set, good, interval, settled=False)
-        return at_all if at_all.share >= at_all.least else NO_LAW
+        return at_all if at_all.share >= at_all.least else Law()
     values = np.diff(np.unique(command[compared]))
     rounding = min(float(values.min()), _COARSEST) ** 2 / 6.0  # variance of a change, of its rounding alone
     left, ti, memory = {}, {}, {}

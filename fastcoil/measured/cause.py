@@ -50,15 +50,11 @@ class Cause(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What else is known of a loop.
+    """What else is known of a loop."""
 
-    identified: whether log or test resolves the backlash; if neither does, the model has to be clear.  measured:
-    whether it was a test, to which the plant was fitted as well.  own: whether the swing is known to be the loop's own.
-    """
-
-    identified: bool
-    measured: bool = False
-    own: bool = False
+    identified: bool  # whether log or test resolves the backlash; if neither does, the model has to be clear
+    measured: bool = False  # whether it was a test, to which the plant was fitted as well
+    own: bool = False  # whether the swing is known to be the loop's own
 
 
 def dies(measures: Measures, held_swing: float, held_for: float) -> bool:
@@ -202,11 +198,9 @@ _MEANINGS = {
 
 
 def simc_gains(fitted: FittedLoop, cause: str) -> tuple[float, float]:
-    """kp, 1/K, and ti, s, after SIMC for the fitted plant where it is steepest; no larger kp for a loop that hunts.
-
-    Half of the smaller lag counts as dead time (Skogestad 2003).
-    """
+    """kp, 1/K, and ti, s, after SIMC for the fitted plant where it is steepest; no larger kp for a loop that hunts."""
     slow, fast = max(fitted.plant.lags), min(fitted.plant.lags)
+    # half of the smaller lag counts as dead time (Skogestad 2003)
     dead = fitted.plant.delay * fitted.plant.step + 0.5 * fast + 0.5 * fitted.pi.sample_time
     lag, steepest = slow + 0.5 * fast, max(abs(fitted.plant.slope(opening)) for opening in (0.0, 1.0))
     kp = lag * (1.0 - fitted.backlash) / (2.0 * steepest * dead)

@@ -16,7 +16,7 @@ from fastcoil.measured.cause import Known, after_hold, cause_of, dies, predictio
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
-from fastcoil.measured.identify import USUAL_STROKE_TIME, Identification, backlash_of, shown_by
+from fastcoil.measured.identify import CANDIDATES, USUAL_STROKE_TIME, Identification, backlash_of, shown_by
 from fastcoil.measured.measures import Measures, measures_of, triage_of, warnings_of
 from fastcoil.measured.part import runs
 
@@ -107,20 +107,17 @@ def diagnose(
     seconds = USUAL_STROKE_TIME if stroke_time is None else stroke_time
     found, measures = identified(grid, seconds, sample_time, lag)
     if test is not None and test.identified:
-        profile = test.profile
-        found = Identification(
-            test.backlash, test.interval[0], test.interval[1], test.identified, test.reason,
-            profile["backlash"].values, profile["probability"].values, found.late,
-        )  # fmt: skip
+        low, high = test.interval
+        of_test = test.profile["probability"].values
+        found = Identification(test.backlash, low, high, True, test.reason, of_test, found.late)
     backlash = found.backlash if np.isfinite(found.backlash) else 0.0
     loop = fit_loop_model(
         values["command"], values["T_sup"], values.get("T_set"), interval, backlash, seconds, sample_time, grid.on,
         gains,
     )  # fmt: skip
-    own = test is not None and dies(measures, test.held_swing, test.held_for)
-    cause = cause_of(measures, loop, Known(found.identified, own=own))
-    if test is not None:
-        cause = after_hold(cause, measures, test.held_swing, test.held_for)
+    held = (np.nan, 0.0) if test is None else (test.held_swing, test.held_for)
+    known = Known(found.identified, own=dies(measures, *held))
+    cause = after_hold(cause_of(measures, loop, known), measures, *held)
     doubt = loop if isinstance(loop, str) else loop.doubt
     attrs = {name: {"units": unit, "long_name": meaning} for name, (unit, meaning) in INDICES.items()}
     indices = dict.fromkeys(INDICES, np.nan) | measures.indices
@@ -215,7 +212,7 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
     """The backlash, not identified where the log holds a trap that the likelihood does not know."""
     if not found.identified:
         return found
-    low, high = 0.0, float(found.candidates[-1])
+    low, high = 0.0, float(CANDIDATES[-1])
     if measures.swing.is_regular and measures.command_swing > WIDE_SWING:
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (

@@ -16,7 +16,7 @@ from fastcoil.base.results import Result, as_toml, toml_table
 from fastcoil.base.text import per_cent
 from fastcoil.design.advice import AS_IS, INVERSE, REPAIRED, SIMC, Option, advise
 from fastcoil.measured.cause import BACKLASH, DISTURBANCE, NONE, TUNING, WORDS
-from fastcoil.measured.identify import GOOD, Identification
+from fastcoil.measured.identify import CANDIDATES, GOOD, Identification
 from fastcoil.measured.measures import STATES, SWINGS, headline_of
 
 if TYPE_CHECKING:
@@ -276,12 +276,9 @@ class ValveReading(Result):
 class Advised(NamedTuple):
     """What to do about a loop."""
 
-    kp: float
-    """Gain to set, 1/K: that of now where it may stay, NaN where the log shows none."""
-    ti: float
-    """Integral time to set, s, likewise."""
-    reason: str
-    """What to do and what it brings, in a sentence."""
+    kp: float  # gain to set, 1/K: that of now where it may stay, NaN where the log shows none
+    ti: float  # integral time to set, s, likewise
+    reason: str  # what to do and what it brings, in a sentence
 
 
 def profile_of(found: Identification) -> xr.Dataset:
@@ -289,7 +286,7 @@ def profile_of(found: Identification) -> xr.Dataset:
     attrs = {"units": "1", "long_name": "backlash, fraction of stroke"}
     return xr.Dataset(
         {"probability": ("backlash", found.probability, {"long_name": "probability of each size"})},
-        {"backlash": ("backlash", found.candidates, attrs)},
+        {"backlash": ("backlash", CANDIDATES, attrs)},
     )
 
 

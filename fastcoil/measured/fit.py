@@ -191,11 +191,7 @@ def finished(
     series: Mapping[str, tuple[Array, str]], names: Sequence[str], covariance: Array, *, kind: str, notes: list[str],
     **others: Any,
 ) -> Fit:  # fmt: skip
-    """The fit of a log, begun at the time ``started``.
-
-    compared, fitting: which samples are, (n,).  errors: by the ending that they have in ``rmse``, NaN where they do not
-    count.  series: the measured and modelled ones with their units.  names, covariance: of the estimated parameters.
-    """
+    """The fit of a log, begun at ``started``; ``errors`` by their ending in ``rmse``, NaN where they do not count."""
     of_log = np.where(fitting, FITTING, VALIDATION)
     part, rmse = np.where(compared, of_log, UNUSED), {}
     for name in (FITTING, VALIDATION):

@@ -40,8 +40,7 @@ LOGS = np.array([True, True, True, False, True, False, True, False])
 """Which of ``COIL`` are searched by their logarithm."""
 LN_C_W, LN_C_C, LN_NTU_W, BETA2, LN_NTU_A, BETA4, LN_NTU_STAR, BETA6 = range(8)
 """The searched parameters: as ``COIL``, but numbers of transfer units at the typical flow in place of their factors."""
-RECORDED = ("T_sup", "T_w_out", "wet_volumes")
-"""What the model gives: °C, °C, number of wet volumes."""
+RECORDED = ("T_sup", "T_w_out", "wet_volumes")  # what the model gives: °C, °C, number of wet volumes
 COUPLED = {LN_NTU_STAR: LN_NTU_A, BETA6: BETA4}
 """Parameters that the data may not separate: the first is then held at the value of the second."""
 _AS_DRY = "as that of heat alone"
@@ -277,10 +276,7 @@ class Record:
 
 
 def in_operation(log: Log) -> Log:
-    """The log without the times at which no air flows or ``enabled`` is 0: the sensors then say nothing of the coil.
-
-    A batch ends at each of them, as it does at a gap.
-    """
+    """The log without times of no air flow or ``enabled`` 0, in which sensors say nothing of the coil."""
     require_agreement(log)
     m_a, enabled = log.values["m_a"], log.values.pop("enabled", np.ones(log.time.size))
     on = (m_a > _STILL * np.quantile(m_a, _MOSTLY)) & (enabled != 0.0)
@@ -297,12 +293,9 @@ def in_operation(log: Log) -> Log:
 
 
 def record_of(log: Log, loop: Loop, holds: tuple[str, ...], fitting: Mask) -> Record:
-    """The log on 1-s steps: straight lines between samples, or held where ``holds`` names the series.
-
-    fitting: (n,), samples of the part to fit; the others have no influence on its scales and limits.
-    """
+    """The log on 1-s steps, straight or held as ``holds`` says; scales and limits are those of ``fitting``, (n,)."""
     require_whole_seconds(log.name, log.step)
-    values = log.values | {"W_a_in": log.humidity_ratio(number_in(loop, "pressure"))}
+    values = log.values | {"W_a_in": log.humidity_ratio(loop["pressure"])}
     of_fit = {name: series[fitting] for name, series in values.items()}
     if not of_fit["m_w"].any():
         raise InputError(f"{log.name}: m_w is 0 throughout the part to fit: give a log with water flow")
@@ -328,17 +321,12 @@ def on_seconds(time: Array, values: Mapping[str, Array], holds: Collection[str])
     return at_seconds(time, values, seconds, holds, slack=_ROUND_OFF), np.floor(time + 0.5).astype(np.int64)
 
 
-def number_in(loop: Loop, name: str) -> float:
-    """A parameter that a loop has one number for."""
-    return float(loop[name])  # type: ignore[arg-type]
-
-
 def _limits(values: Mapping[str, Array], loop: Loop) -> Limits:
-    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), number_in(loop, "T_initial"))
+    coldest = min(values["T_a_in"].min(), values["T_w_in"].min(), loop["T_initial"])
     return Limits(
         m_w_max=float(values["m_w"].max()),
         m_a_span=(float(values["m_a"].min()), float(values["m_a"].max())),
-        wet_slope=wet_slope(values["W_a_in"].max(), coldest, number_in(loop, "pressure")),
+        wet_slope=wet_slope(values["W_a_in"].max(), coldest, loop["pressure"]),
     )
 
 
@@ -387,8 +375,8 @@ class CoilProblem:
                 "next sample, name them: holds=['m_w'], --hold m_w"
             )
         # ln of the C_w with γ = 1 at the largest flow
-        least = record.limits.m_w_max * number_in(record.loop, "cp_w") * number_in(record.loop, "n_volumes")
-        self.least_C_w = math.log(least / 8.0 / number_in(record.loop, "substeps"))
+        least = record.limits.m_w_max * record.loop["cp_w"] * record.loop["n_volumes"]
+        self.least_C_w = math.log(least / 8.0 / record.loop["substeps"])
         ln_C_w, ln_ntu = self.least_C_w + math.log(1.05), math.log(0.35)
         self.prior = np.array([ln_C_w, ln_C_w + math.log(10.0 / 8.8), ln_ntu, 0.0, ln_ntu, 0.0, ln_ntu, 0.0])
         self.prior[list(_PRIOR_EXPONENT)] = list(_PRIOR_EXPONENT.values())
@@ -433,10 +421,7 @@ class CoilProblem:
         return np.asarray(x)
 
     def solve(self) -> tuple[Estimate, Uncertainty, Array]:
-        """Fit, hold parameters that turn out to be unknown, and fit again until all free ones are known.
-
-        Returns the minimum, how well it is known, and the wet volumes of the fitted samples, (n,).
-        """
+        """Fit, hold what is unknown, fit again; the minimum, its uncertainty, wet volumes of fitted samples, (n,)."""
         model = self.model()
         best = minimise(model, self.starts(), list(self.held))
         run = self.record.until(self.n_fit).run(best.x[:, None])
@@ -488,11 +473,9 @@ def of_pieces(data: Log, loop: Loop, warm_up: float) -> list[str]:
 def require_temperatures(data: Log, compared: Mask, least: int, warm_up: float, notes: list[str]) -> None:
     """Refuse a log with fewer than ``least`` temperatures to compare, or with a sensor that stands still."""
     if compared.sum() < least:
-        raise InputError(
-            f"{data.name}: {counted(compared, 'temperature')} to compare in the part to fit, after the warm-up of "
-            f"{warm_up:g} s: give at least {least}, lower warm_up, raise split, or give a longer log "
-            f"({'; '.join(notes) or 'no gaps'})"
-        )
+        seen = f"{counted(compared, 'temperature')} to compare in the part to fit, after the warm-up of {warm_up:g} s"
+        cure = f"give at least {least}, lower warm_up, or raise split ({'; '.join(notes) or 'no gaps'})"
+        raise InputError(f"{data.name}: {seen}: {cure}")
     T_sup = data.values["T_sup"][compared]
     if np.ptp(T_sup) == 0.0:
         raise InputError(f"{data.name}: T_sup is {T_sup[0]:g} throughout: check the sensor")

@@ -22,7 +22,7 @@ from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.loop import Loop
 from fastcoil.loops.simulate import simulate
 from fastcoil.measured.fit import Fit, finished, profile_of
-from fastcoil.measured.fit_coil import in_operation, number_in, of_pieces, on_seconds, require_temperatures
+from fastcoil.measured.fit_coil import in_operation, of_pieces, on_seconds, require_temperatures
 from fastcoil.measured.identify import GOOD, TOLERANCE
 from fastcoil.measured.part import Part, checked_part, unbroken
 from fastcoil.measured.valve_problem import reversals, why_unidentified
@@ -223,7 +223,7 @@ class LoopProblem:
         data, found = self.data, []
         values = {name: data.values[name] for name in ("m_a", "T_a_in", "T_w_in")}
         values |= dict.fromkeys(("held", "straight"), data.values["command"])
-        values["W_a_in"] = data.humidity_ratio(number_in(self.loop, "pressure"))
+        values["W_a_in"] = data.humidity_ratio(self.loop["pressure"])
         for samples in unbroken(data.batch):
             if not self.compared[samples].any():
                 continue
@@ -234,10 +234,7 @@ class LoopProblem:
         return found
 
     def modelled(self, backlash: Array, runs: str) -> Array:
-        """Supply temperature with each candidate at the samples, (n, candidates), °C; NaN in pieces left out.
-
-        runs: how the command runs between samples, ``held`` or ``straight``.
-        """
+        """T_sup at the samples, (n, candidates), °C, if the command is ``held`` or ``straight``; NaN where left out."""
         found = np.full((self.data.time.size, backlash.size), np.nan)
         sweep = self.loop.assign(backlash=("candidate", backlash))
         for piece in self.pieces:
@@ -262,10 +259,8 @@ class LoopProblem:
         both = (at >= width) & used[at] & used[earlier] & (batch[at] == batch[earlier])
         at, own = at[both], own[both]
         if at.size < _FEWEST_SAMPLES:
-            raise InputError(
-                f"{self.data.name}: {counted(at.size, 'change')} of T_sup over {_APART:g} s to compare: give at least "
-                f"{_FEWEST_SAMPLES}, in a log with fewer gaps"
-            )
+            seen = f"{counted(at.size, 'change')} of T_sup over {_APART:g} s"
+            raise InputError(f"{self.data.name}: {seen} to compare: give at least {_FEWEST_SAMPLES}, with fewer gaps")
         block = (self.data.since_batch()[at] // _BLOCK).astype(np.int64)
         first = np.flatnonzero(np.diff(block, prepend=-1) | np.diff(own, prepend=-1))
         _, piece = np.unique(own[first], return_inverse=True)
@@ -274,10 +269,7 @@ class LoopProblem:
         return Sums(piece, *(np.add.reduceat(column, first, axis=0) for column in columns))
 
     def candidates(self) -> tuple[Array, Array]:
-        """A coarse grid of candidates, refined near the best, and the temperatures of ``modelled``.
-
-        How a command that moves at most samples ran between them is unknown: what fits better is taken.
-        """
+        """A grid refined near the best, and ``modelled``; a moving command runs held or straight, as fits better."""
         coarse = np.arange(0.0, LARGEST + _COARSE / 2, _COARSE)
         ways = ("held", "straight") if self.moves > _MOVES else ("held",)
         tried = {runs: corrected(self.sums(self.modelled(coarse, runs))).rss for runs in ways}

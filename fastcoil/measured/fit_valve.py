@@ -132,11 +132,8 @@ def _in_order(data: Log) -> Log:
     """Refuse a log that is no record in time, before any work."""
     n_rows, n_pieces = data.time.size, data.n_batches
     if n_rows < _FEWEST_ROWS * n_pieces:
-        raise InputError(
-            f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces, each with a start of its own to be found: "
-            f"give at least {_FEWEST_ROWS} rows for each piece; where gaps cut the log, pass max_gap to bridge them, "
-            "where time goes back, sort the rows, oldest first"
-        )
+        cure = f"give at least {_FEWEST_ROWS} rows for each, pass max_gap to bridge gaps, sort the rows by time"
+        raise InputError(f"{data.name}: its {n_rows:,} rows are in {n_pieces:,} pieces: {cure}")
     return data
 
 
@@ -401,10 +398,7 @@ def _in_words(log: Log, shifts: Array, step: float) -> list[str]:
 
 
 def _sums(log: Log, good: Mask, step: float, pieces: list[Index], lags: Array, memory: float) -> _Sums:
-    """Sums of products of the curve's terms and the flow in each piece, behind each lag and backlash.
-
-    memory: of the residuals, from one sample to the next; that share of the sample before is subtracted from each.
-    """
+    """Sums of products of the terms and the flow behind each lag and backlash, less ``memory`` of the sample before."""
     starts = [int(piece[0]) for piece in pieces]
     products = np.zeros((len(pieces), lags.size, BACKLASHES.size, N_KNOTS + 1, N_KNOTS + 1))
     counts = np.zeros((len(pieces), lags.size))

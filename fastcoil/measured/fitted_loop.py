@@ -96,10 +96,7 @@ def play(
     plant: FittedPlant, pi: RecoveredPI, day: Day, stroke_time: float, backlash: float, estimate: float = 0.0,
     buffer: float = 0.0,
 ) -> Played:  # fmt: skip
-    """Replay a day: PI with clamped integral, inverse, motor, play operator, plant, recorded disturbance.
-
-    estimate, buffer: of the inverse, fractions of stroke; an estimate of 0 is the plain PI.
-    """
+    """Replay a day: PI with clamped integral, inverse (none with an estimate of 0), motor, play, plant, disturbance."""
     n, step = day.T_set.size, plant.step
     c_1, c_2 = plant.curve
     least, most = plant.least, plant.most
@@ -265,7 +262,11 @@ def fit_loop_model(
     plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, pi)
     if plant is None:
         return "no plant that answers the valve explains the log: the temperature hardly follows the command"
-    day = _day_of(plant, command, T_set, controlled, _period(temperature, T_set, controlled, interval))
+    nothing = np.zeros(T_set.size)
+    as_played = Played(temperature, nothing, nothing, nothing)
+    seen = outcome_of(as_played, Day(nothing, nothing, T_set, nothing, controlled), interval)
+    period = seen.period / interval if seen.hunts else 0.0  # in samples
+    day = _day_of(plant, command, T_set, controlled, period)
     fitted = FittedLoop(pi, plant, day, backlash, stroke_time)
     return fitted._replace(doubt=too_little(fitted) or _doubt(fitted, command, temperature, T_set))
 
@@ -301,14 +302,6 @@ def what_if(
     else:
         return found
     return f"a {100 * (GAIN_ERROR - 1.0):.0f} % change of its gain decides {undecided}; the log cannot resolve it"
-
-
-def _period(temperature: Array, T_set: Array, good: Mask, interval: float) -> float:
-    """Samples to a period if the logged loop hunts, else 0."""
-    nothing = np.zeros(T_set.size)
-    played, day = Played(temperature, nothing, nothing, nothing), Day(nothing, nothing, T_set, nothing, good)
-    seen = outcome_of(played, day, interval)
-    return seen.period / interval if seen.hunts else 0.0
 
 
 def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:

@@ -25,8 +25,7 @@ EXACT = 1e-3  # residual, as a share of the changes, below which the log holds e
 _PHASE, _AGREES = 0.1, 0.02
 """Of the log's interval: step of the phase at which a controller of another rhythm samples; share of the command's
 changes by which a phase may agree with them less than the best."""
-FAST = (1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0)
-"""Sample times of a controller that are tried where the log is coarser, s."""
+FAST = (1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0)  # sample times of a controller that are tried where the log is coarser, s
 ROW_LAGS = (1, 2, 4)  # changes that a row of the fit spans
 USUAL = 10.0  # seconds between samples of a controller that a coarser log does not resolve
 LESS = 0.9
@@ -65,11 +64,7 @@ def recover_pi(
     command: Array, temperature: Array, T_set: Array, interval: float, good: Mask, sample_time: float | None,
     gains: tuple[float, float] | None = None,
 ) -> RecoveredPI | str:  # fmt: skip
-    """Find kp, ti and, if it is not given, the sample time; a sentence if the command follows no PI.
-
-    command, temperature, T_set: (n,), fraction of stroke, °C, °C.  good: (n,), samples that may be used.  gains: kp,
-    above 0, and ti, where they are known; the log still tells heating from cooling.
-    """
+    """kp, ti and, if None, the sample time of a PI; a sentence if the command follows none; ``gains``: kp > 0, ti."""
     changes = np.flatnonzero((np.abs(np.diff(command)) > HELD) & good[1:] & good[:-1]) + 1
     if changes.size < LEAST_CHANGES:
         return f"the command changes {changes.size} times only: log a day on which the loop works"
@@ -80,7 +75,10 @@ def recover_pi(
         T, wanted, usable = temperature[at], T_set[at], good & good[at]
         usable[:late] = False
         if every > 1.2 * interval:
-            answers.append(_slower(command, T - wanted, changes, interval, every))
+            # a log at least as fine as the controller: a row for each few changes that are one sample apart each
+            one = np.abs(np.diff(changes) * interval - every) < max(interval, 0.5 * every) - HELD
+            fit = _best_pi(command, T - wanted, changes, one, np.cumsum(every * (T - wanted)[changes]))
+            answers.append(fit and fit.pi(every))
         else:
             between = interval * (0.5 * (T[1:] + T[:-1]) - wanted[:-1])
             answers.append(_faster(command, T - wanted, between, usable, interval, sample_time))
@@ -107,10 +105,8 @@ def recover_pi(
 
 
 def _sample_time(command: Array, changes: Index, interval: float) -> float:
-    """Seconds between the controller's samples, or ``interval`` if the log is coarser.
-
-    A saturated command is held for as long as it stays so and carries no information.
-    """
+    """Seconds between the controller's samples, or ``interval`` if the log is coarser."""
+    # a saturated command is held for as long as it stays so and carries no information
     held = command[changes[:-1]]
     gaps = np.diff(changes)[(held > EDGE) & (held < 1.0 - EDGE)]
     if gaps.size == 0:
@@ -122,20 +118,10 @@ def _sample_time(command: Array, changes: Index, interval: float) -> float:
     return nice if abs(found - nice) < 0.05 * found and nice > 0.0 else found
 
 
-def _slower(command: Array, error: Array, changes: Index, interval: float, every: float) -> RecoveredPI | None:
-    """From a log at least as fine as the controller: a row for each few changes that are one sample apart each."""
-    one = np.abs(np.diff(changes) * interval - every) < max(interval, 0.5 * every) - HELD
-    fit = _best_pi(command, error, changes, one, np.cumsum(every * error[changes]))
-    return fit and fit.pi(every)
-
-
 def _between(
     command: Array, temperature: Array, T_set: Array, good: Mask, interval: float, every: float
 ) -> list[RecoveredPI]:
-    """From a log of another rhythm than the controller's, for each phase that agrees with when the command changes.
-
-    The temperature runs straight from sample to sample of the log, and the command is seen in the next one.
-    """
+    """For each phase of another rhythm than the log's that agrees with when the command changes; T runs straight."""
     changes = np.flatnonzero(np.abs(np.diff(command)) > HELD) + 1
     phases = []
     for phase in np.arange(0.0, every, _PHASE * interval):
@@ -160,10 +146,7 @@ def _between(
 def _faster(
     command: Array, error: Array, between: Array, good: Mask, interval: float, given: float | None
 ) -> RecoveredPI | None:
-    """From a log as fine as the controller or coarser; ``between``: K s from each sample of it to the next.
-
-    The temperature runs straight between them, and the set-point holds.
-    """
+    """From a log as fine as the controller or coarser; ``between``: K s from each sample of it to the next."""
     both = good[1:] & good[:-1]
 
     def fit_of(sums: Array) -> _Fit | None:
@@ -250,11 +233,7 @@ def fit_plant(
     command: Array, temperature: Array, good: Mask, interval: float, backlash: float, stroke_time: float,
     pi: RecoveredPI,
 ) -> FittedPlant | None:  # fmt: skip
-    """Fit the plant between command and temperature; None if no plant that the PI can control explains the log.
-
-    command, temperature: (n,), without NaN: fraction of stroke, °C.  good: (n,), samples that may be used.  pi: of the
-    log; its rhythm says when the commands acted, its sign whether a higher opening lowers the temperature.
-    """
+    """The plant between command and temperature, without NaN; None if none that the PI can control explains it."""
     per_sample = math.ceil(interval / STEP)
     step = interval / per_sample
     at = np.arange((command.size - 1) * per_sample + 1) / per_sample

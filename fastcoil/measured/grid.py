@@ -76,19 +76,14 @@ def on_grid(log: Log) -> tuple[Grid, list[str]]:
         )
     interval, is_regular = _rhythm(log, forward, same)
     if interval > _SLOWEST:
-        raise InputError(
-            f"{log.name}: what is left of the log has a sample every {interval:,.0f} s: give one with a sample every "
-            f"minute or faster ({left_out})"
-        )
+        raise InputError(f"{log.name}: a sample every {interval:,.0f} s is left: log every minute ({left_out})")
     tick = _ticks(log, interval)
     silent = int(np.ceil(_LONGEST_SILENCE / interval))
     cut = np.concatenate([[0], np.cumsum(np.where(same, 0, np.maximum(np.diff(tick) - silent, 0)))])
     at = tick - cut
     if at[-1] >= MOST_SAMPLES:
         days = MOST_SAMPLES * interval / DAY
-        raise InputError(
-            f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give the most telling {days:.0f} days or less"
-        )
+        raise InputError(f"{log.name}: {at[-1] + 1:,} samples of {interval:.4g} s: give {days:.0f} days or less")
     grid = _filled(log, at, interval, is_regular, same)
     if is_regular:
         return _thinned(grid)
@@ -248,11 +243,7 @@ def all_good(good: Mask, first: Index, last: Index) -> Mask:
 
 
 def motor_positions(command: Array, interval: float, stroke_time: float) -> Array:
-    """Motor position at each sample, just before the command of that sample acts, and one sample after the last.
-
-    command: fraction of stroke, held for ``interval`` s; stroke_time: s, 0 if it is as good as immediate.  The motor
-    stands at the first command when the log begins.
-    """
+    """Motor position before the command of each sample acts, and after the last; ``stroke_time``: s, 0 if immediate."""
     positions = np.empty(command.size + 1)
     travel = interval / stroke_time if stroke_time > 0.0 else 1.0
     recorded.motor_positions(np.ascontiguousarray(command, float), travel, positions)
@@ -270,10 +261,7 @@ def openings(positions: Array, backlash: float) -> Array:
 
 
 def mean_openings(positions: Array, backlash: Array, width: int) -> tuple[Array, Array]:
-    """Mean opening behind each candidate backlash and the mean of its square: (pieces, candidates) each.
-
-    A piece is ``width`` intervals between positions; the last that is not complete is left out.
-    """
+    """Mean opening behind each backlash and of its square, (pieces, candidates), in whole pieces of ``width`` steps."""
     openings, squares = np.empty((2, (positions.size - 1) // width, backlash.size))
     recorded.mean_openings(positions, np.ascontiguousarray(backlash, float), width, openings, squares)
     return openings, squares

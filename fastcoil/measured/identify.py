@@ -60,11 +60,7 @@ def is_provoked(command: Array, temperature: Array, good: Mask, T_set: Array | N
 
 
 def share_to_and_fro(command: Array, good: Mask) -> float:
-    """Share of the samples at which the command moves back what it moved the sample before, or more than it.
-
-    An inverse that chatters does so, and a controller that answers noise.  Where a log shows much of it, the stem may
-    have moved between its samples unseen.
-    """
+    """Share of samples at which the command moves back what it moved before, or more: the stem may move unseen."""
     moved = np.diff(command)
     both = good[2:] & good[1:-1] & good[:-2]
     turns = (moved[1:] * moved[:-1] < 0.0) & (np.minimum(np.abs(moved[1:]), np.abs(moved[:-1])) > TO_AND_FRO)
@@ -189,8 +185,7 @@ LEAST_ODDS = 300.0
 """Of the most probable size against the most probable one of a good valve, for a valve to be called worse than good."""
 _IS_GOOD = CANDIDATES <= GOOD + 1e-9
 USUAL_STROKE_TIME = 90.0  # s, where it is not given
-LOST = 0.1
-"""Share of itself by which a gap may be larger than is shown by a log whose samples miss turns of the valve."""
+LOST = 0.1  # share of itself by which a gap may be larger than is shown by a log whose samples miss turns of the valve
 LEAST_TURN = 0.005
 LEAST_TURNS = 3
 """Turns by more than the gap below which no size is claimed: those of the study ``least_movement`` were all wrong."""
@@ -217,8 +212,7 @@ class Identification(NamedTuple):
     high: float
     identified: bool  # whether the size is right, to 20 % of itself or 1 % of stroke, with 95 % probability
     reason: str  # why not; empty if identified
-    candidates: Array
-    probability: Array
+    probability: Array  # of each of ``CANDIDATES``
     late: float = 0.0
     """Seconds by which the temperatures of the log stand late beside the commands; they were moved back by that.
     Negative: the commands stand late, or their controller is slow to read; both were reckoned with."""
@@ -251,7 +245,7 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
     compared, doubt = [day for day in days if day.found], ""
     if not compared:
         nothing, reason = np.full(CANDIDATES.size, 1.0 / CANDIDATES.size), _most_frequent([day.doubt for day in days])
-        return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, CANDIDATES, nothing)
+        return Identification(np.nan, 0.0, float(CANDIDATES[-1]), False, reason, nothing)
     many = len(compared) >= MANY_DAYS
     compared = [day._replace(doubt=day.doubt or _JUMPS) if day.is_jumpy and not many else day for day in compared]
     sound = [day for day in compared if not day.doubt]
@@ -328,10 +322,7 @@ def shown_by(
     series = np.stack([temperature, *disturbances])
 
     def compared(moved: int, ends: int = 0, way: int = 1, rolled: int = 0) -> Likelihood | None:
-        """With the temperature moved to so many samples earlier; without some at both ends; backwards if way is -1.
-
-        rolled: samples by which the temperature is of another hour, round the ends of the log.
-        """
+        """With T moved some samples earlier, or rolled to another hour; without some ends; backwards if way is -1."""
         at = slice(max(-moved, 0) + ends, n - max(moved, 0) - ends)
         seen = slice(max(moved, 0) + ends, n - max(-moved, 0) - ends)
         motor = motor_positions(command[at][::way], interval, stroke_time)
@@ -428,7 +419,7 @@ def judged(
         reason = f"{sizes} explain the log: {cure}"
     elif not doubt and high >= CANDIDATES[-1]:
         reason = f"the gap may be {100 * high:.0f} % of the stroke or more, and larger ones are not looked for"
-    return Identification(backlash, low, high, not reason, reason, CANDIDATES, probability)
+    return Identification(backlash, low, high, not reason, reason, probability)
 
 
 def _interval(probability: Array) -> tuple[float, float]:

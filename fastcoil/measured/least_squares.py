@@ -28,21 +28,15 @@ _TINY = 1e-300
 
 @dataclass(frozen=True)
 class Model:
-    """A least-squares problem whose residuals are known for many parameter sets at once.
+    """A least-squares problem whose residuals are known for many parameter sets at once."""
 
-    residuals: (p, sets) → (n, sets).  lower, upper, step: (p,), the bounds and the steps of the central differences.
-    segment: (n,), number of the unbroken piece of each sample.  used: (n,), which samples are compared.  The last
-    parameters may be ``nuisance``: one for each segment, acting on its samples only, so that all of them share one
-    pair of lanes.
-    """
-
-    residuals: Callable[[Array], Array]
-    lower: Array
+    residuals: Callable[[Array], Array]  # (p, sets) → (n, sets)
+    lower: Array  # bounds, (p,)
     upper: Array
-    step: Array
-    segment: Index
-    used: Mask
-    n_nuisance: int = 0
+    step: Array  # of the central differences, (p,)
+    segment: Index  # number of the unbroken piece of each sample, (n,)
+    used: Mask  # which samples are compared, (n,)
+    n_nuisance: int = 0  # last parameters, each of one segment: all of them share one pair of lanes
 
     @property
     def n_common(self) -> int:
@@ -147,18 +141,15 @@ def _condensed(A: Array) -> Array:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the estimate, (p, p), NaN for parameters that are fixed or at a bound; and its basis.
+    """How well an estimate is known, and the basis of that."""
 
-    inflation: (p,), factor on the variance of white residuals.  dead: index of the parameters without any effect.
-    """
-
-    covariance: Array
-    inflation: Array
+    covariance: Array  # (p, p), NaN for parameters that are fixed or at a bound
+    inflation: Array  # factor on the variance of white residuals, (p,)
     n_used: int
     n_effective: float
     freedom: float
     variance: float
-    dead: tuple[int, ...]
+    dead: tuple[int, ...]  # index of the parameters without any effect
 
     def quantile(self, freedom: float | None = None) -> float:
         """Half width of a 95 % interval in standard errors, with its own or another number of degrees of freedom."""
@@ -243,10 +234,7 @@ def _lagged_products(Z: Array, segment: Index, rho: Array) -> Array:
 
 
 def profile(model: Model, best: Estimate, k: int, grid: Array, fixed: Sequence[int] = ()) -> list[Estimate]:
-    """The minimum with parameter k held at each value of ``grid`` (ascending).
-
-    Walks outward from the free minimum, each value starting where its neighbour ended.
-    """
+    """The minimum with parameter k held at each value of ``grid`` (ascending), outward from the free minimum."""
     middle = int(np.searchsorted(grid, best.x[k]))
     found: dict[int, Estimate] = {}
     for way in (range(middle, grid.size), range(middle - 1, -1, -1)):

@@ -149,10 +149,7 @@ def in_control(command: Array, good: Mask, interval: float) -> Mask:
 
 
 def travel(positions: Array, on: Mask, interval: float) -> tuple[float, float]:
-    """Strokes and turns of the motor in a day of operation; ``positions``: (n + 1,), at the samples.
-
-    A turn is a change of sign between successive movements.
-    """
+    """Strokes and turns of the motor in a day of operation; ``positions``: (n + 1,), at the samples."""
     days = float(on.sum()) * interval / DAY
     if days == 0.0:
         return np.nan, np.nan

@@ -30,10 +30,7 @@ class Part(NamedTuple):
         return data if self.validation is None else data.followed_by(prepared(read_log(self.validation, wanted, how)))
 
     def fitted(self, data: Log) -> Mask:
-        """Which samples are fitted, (n,).
-
-        A log of at least four batches is split between batches, and the last is never fitted.
-        """
+        """Which samples are fitted, (n,): whole batches of a log of at least four, and never the last of these."""
         if len(data.names) > 1:
             return np.asarray(data.source == 0)
         share = SPLIT if self.split is None else self.split

@@ -36,8 +36,7 @@ BEFORE, AFTER = 600.0, 600.0
 """Seconds before the test that the lags of the coil reach back, and after it that tell of the gap as well."""
 LEAST_TURN = 0.005  # fraction of stroke, of the command in the test
 MOST_MISSING = 0.05  # share of the temperatures
-WEIGHT = 0.65
-"""Share of the log-likelihood that counts: residuals are neither independent nor normal."""
+WEIGHT = 0.65  # share of the log-likelihood that counts: residuals are neither independent nor normal
 LEAST_EXPLAINED = 0.5  # share of the variance of the temperature that the command has to explain
 QUIET = 60.0  # seconds whose mean takes the noise away
 LEAST_BEFORE = 3600.0  # seconds of normal operation by which the cause is judged
@@ -86,7 +85,10 @@ def read_test(
                               max_gap=max_gap, time_format=time_format, has_command=True)  # fmt: skip
     data = read_log(as_measured(source) if "T_sup" not in (columns or {}) else source, WANTED, how)
     grid, notes = on_grid(data)
-    grid, notes = _thinned(data.name, grid), [*data.notes, *notes]
+    if grid.interval > LONGEST_INTERVAL:
+        raise InputError(f"{data.name}: a sample every {grid.interval:.4g} s: log the test every 5 s, 15 s at most")
+    grid = grid.part(slice(None, None, max(1, round(ENOUGH / grid.interval))))  # which shows the gap as well
+    notes = [*data.notes, *notes]
     if stroke_time is None:
         stroke_time = USUAL_STROKE_TIME
         notes.append(f"the motor is taken to need {stroke_time:g} s for its stroke: give stroke_time if it is known")
@@ -122,15 +124,6 @@ def _between_of(name: str, value: Any) -> tuple[float, float]:
     if end <= start:
         raise InputError(f"{name} = {shown(value)}: the end is not after the start, {cure}")
     return start, end
-
-
-def _thinned(name: str, grid: Grid) -> Grid:
-    """A row every 10 s, which shows the gap as well as more do."""
-    if grid.interval > LONGEST_INTERVAL:
-        raise InputError(
-            f"{name}: a sample every {grid.interval:.4g} s: log the test every 5 s, {LONGEST_INTERVAL:g} s at most"
-        )
-    return grid.part(slice(None, None, max(1, round(ENOUGH / grid.interval))))
 
 
 def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, notes: list[str]) -> tuple[int, int]:
@@ -264,11 +257,7 @@ def response(
     temperature: Array, positions: Array, first: int, from_row: int, interval: float, inputs: Sequence[Array],
     candidates: Array,
 ) -> Response:  # fmt: skip
-    """Compare candidate gaps.
-
-    temperature, positions of the motor, and inputs: (n,) each, at equal intervals.  The rows from ``first`` on are
-    modelled, those from ``from_row`` on are compared; the rows before ``first`` tell where the stem may be.
-    """
+    """Compare gaps: rows from ``first`` are modelled, from ``from_row`` compared; those before place the stem."""
     from scipy.signal import lfilter
 
     def lagged(series: Array, lag: float) -> Array:

@@ -35,15 +35,11 @@ _PROFILE_POINTS, _FINE_POINTS = 25, 12
 _PART_SAMPLES, _PARTS, _PART_STEPS = 30, (4, 6), 25
 _CALIBRATED = 1.6  # widens what parts say until the halves of simulated logs lie in each other's interval
 X_BL, M_MAX, _SHAPE = 0, 1, (2, 3, 4)
-LOGS = np.array([False, True, True, True, False])
-"""Which of backlash, m_max, a, b, c are searched by their logarithm."""
+LOGS = np.array([False, True, True, True, False])  # which of backlash, m_max, a, b, c are searched by their logarithm
 
 
 def _settled(log: Log, fitting: Mask, notes: list[str]) -> Mask:
-    """Where the flow has settled after the last change of the command, (n,); ``fitting``: rows that say how long.
-
-    That is behind half of a typical hold; everywhere, if the command is not held.
-    """
+    """Where the flow has settled, (n,): half a typical hold after a change; everywhere if the command is not held."""
     command, step = log.values["command"], step_of(log, fitting)
     since, starts = np.zeros(command.size), [0]
     for t in range(1, command.size):
@@ -87,11 +83,7 @@ def _lowest_reading(flow: Array, notes: list[str]) -> float:
 
 
 def _sensor_off(command: Array, flow: Array, floor: float, fitting: Mask) -> Mask:
-    """Where the valve does not explain that no flow is measured: the sensor or the pump is off.
-
-    That is a reading of 0 below the meter's floor; and 0, or the floor, with the valve much further open than where
-    most samples of the part to fit show flow.
-    """
+    """Where the valve does not explain that none flows: 0 below the floor; 0, or the floor, if it is far open."""
     still = flow <= floor
     flows_from = 1.0
     for low in np.arange(0.0, 1.0, _BIN):
@@ -119,21 +111,16 @@ def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide
 
 
 class ValveSolution(NamedTuple):
-    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash.
-
-    sums: least sum of squares with the backlash held at each value of ``grid``, (n,).  limit: the sum below which the
-    95 % ``interval`` lies if errors of the flow are all that is wrong.  parts: the backlash of each part of the log;
-    where they differ by more than that explains, the interval is wider.
-    """
+    """The minimum of a valve's ``model``, how well it is known, and the profile over the backlash."""
 
     model: Model
     estimate: Estimate
     uncertainty: Uncertainty
     grid: Array
-    sums: Array
-    limit: float
-    parts: Array
-    interval: tuple[float, float]
+    sums: Array  # least sum of squares with the backlash held at each value of ``grid``, (n,)
+    limit: float  # of the sums, below which ``interval`` lies if errors of the flow are all that is wrong
+    parts: Array  # backlash of each part of the log; if they differ by more, ``interval`` is wider
+    interval: tuple[float, float]  # of 95 %
     without_backlash: Estimate
     is_m_max_given: bool
 
@@ -159,10 +146,8 @@ class ValveProblem:
         self.good = np.isfinite(self.flow) & ~off & at_rest & enabled
         to_fit = self.good & self.fitting
         if to_fit.sum() < FEWEST_SAMPLES:
-            raise InputError(
-                f"{data.name}: {counted(to_fit, 'flow')} left to fit: give at least {FEWEST_SAMPLES}, "
-                f"raise split, or give a longer log ({'; '.join(self.notes)})"
-            )
+            cure = f"give at least {FEWEST_SAMPLES}, or raise split ({'; '.join(self.notes)})"
+            raise InputError(f"{data.name}: {counted(to_fit, 'flow')} left to fit: {cure}")
         self.n_fit = int(np.flatnonzero(self.fitting)[-1]) + 1
         self.n_pieces = int(self.batch[self.n_fit - 1]) + 1  # of the part to fit
         self.top = float(np.nanmax(self.flow[self.fitting]))
@@ -344,10 +329,8 @@ def _besides_noise(problem: ValveProblem, solution: ValveSolution) -> float:
 
 
 def _noise(command: Array, flow: Array, still: Mask) -> float:
-    """Standard deviation of the meter's noise where the command rests for three rows, kg/s; 0 if it hardly does.
-
-    Two equal commands may be chance: the valve may have moved between them.
-    """
+    """Standard deviation of the meter's noise where the command rests for three rows, kg/s; 0 if it hardly does."""
+    # two equal commands may be chance: the valve may have moved between them
     inner = (command[1:-1] > _AT_AN_END) & (command[1:-1] < 1.0 - _AT_AN_END)
     changes = np.abs(np.diff(flow)[1:][still[1:] & still[:-1] & inner])
     changes = changes[np.isfinite(changes)]

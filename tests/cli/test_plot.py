@@ -57,7 +57,7 @@ def test_misspelt_names_are_answered_with_the_nearest(folder):
         (("-x", "backlash", "--by", "backlash"), "backlash is named twice: choose two different axes"),
         (
             ("-x", "backlash", "-y", "estimate_ratio", "--by", "kp"),
-            "by = 'kp' is no dimension of this result; it has backlash, estimate_ratio",
+            "by = 'kp': choose 'backlash' or 'estimate_ratio'",
         ),
         (("--dpi", "fine"), "dpi = 'fine': give a whole number from 50 to 1200"),
         (("--by", "backlash"), "--metric, -y and --by need -x: name the swept parameter along the x axis"),
@@ -69,7 +69,7 @@ def test_misspelt_names_are_answered_with_the_nearest(folder):
         (("--relative-to", "backlash=0"), "--relative-to backlash=0: choose one of 0.02, 0.07"),
         (
             ("-x", "backlash", "--by", "day"),
-            "by = 'day' is no dimension of this result; it has backlash, estimate_ratio",
+            "by = 'day': choose 'backlash' or 'estimate_ratio'",
         ),
     ],
 )

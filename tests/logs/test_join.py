@@ -77,7 +77,7 @@ def test_what_is_joined_is_read_as_a_log(point, tmp_path):
 def test_the_step_of_the_clock(point, step):
     a = point("command.csv", 60 * np.arange(40), np.arange(40), "Timestamp,Value (%)")
     b = point("T_sup.csv", 7 + 10 * np.arange(200), np.arange(200) / 10, "Timestamp,Value (°C)")
-    _, seconds, values = table_of(joined(a, b, step=step).text)
+    _, seconds, values = table_of(joined(a, b, step=step)[0])
     assert set(np.diff(seconds)) == {step or 10}
     np.testing.assert_allclose(values[:, 0], 0.01 * (seconds // 60))
     np.testing.assert_allclose(values[:, 1], (seconds - 7) / 100)
@@ -91,8 +91,8 @@ def test_a_gap_of_a_point_leaves_rows_out_and_counts_them(point):
     _, seconds, _ = table_of(text)
     assert not ((seconds >= 600) & (seconds <= 1200)).any()
     assert "11 rows of 39 left out: a point has no sample within its longest gap" in notes
-    assert table_of(joined(command, T_sup, max_gap=1000).text)[1].size == 39
-    assert table_of(joined(command, T_sup, max_gap=400).text)[1].size < 29  # the command changes less often
+    assert table_of(joined(command, T_sup, max_gap=1000)[0])[1].size == 39
+    assert table_of(joined(command, T_sup, max_gap=400)[0])[1].size < 29  # the command changes less often
 
 
 def test_points_are_named_by_header_by_file_or_by_the_caller(point):
@@ -101,7 +101,7 @@ def test_points_are_named_by_header_by_file_or_by_the_caller(point):
     b = point("T_sup.csv", seconds, np.arange(5), "Timestamp,AHU1 SAT (°C)")
     c = point("FLOW-7.csv", seconds, np.arange(5), "Timestamp,Present Value")
     for target in ("FLOW-7.csv", "FLOW-7", "Present Value", "FLOW-7.csv:Present Value"):
-        header, _, _ = table_of(joined(a, b, c, columns={"m_w": target}, units={"m_w": "L/s"}).text)
+        header, _, _ = table_of(joined(a, b, c, columns={"m_w": target}, units={"m_w": "L/s"})[0])
         assert header == ["timestamp", "command [1]", "m_w [kg s-1]", "T_sup [degC]"]
 
 
@@ -130,8 +130,8 @@ def test_each_file_has_its_own_writing_of_times(point):
 
 def test_newest_first_and_doubles(point):
     seconds = np.array([0, 60, 60, 120, 180])
-    expected = joined(point("command.csv", [0, 60, 120, 180], [0, 2, 3, 4], "Time,Value (%)")).text
-    assert joined(point("command.csv", seconds, [0, 1, 2, 3, 4], "Time,Value (%)")).text == expected
+    expected = joined(point("command.csv", [0, 60, 120, 180], [0, 2, 3, 4], "Time,Value (%)"))[0]
+    assert joined(point("command.csv", seconds, [0, 1, 2, 3, 4], "Time,Value (%)"))[0] == expected
     turned, notes = joined(point("command.csv", seconds[::-1], [4, 3, 2, 1, 0], "Time,Value (%)"))
     assert turned == expected
     assert "command.csv: the newest row is first: turned round" in notes
@@ -182,7 +182,7 @@ def test_files_that_cannot_be_joined_are_refused_with_the_cure(point):
     )
     assert "command is in two columns, 'command [%]' and 'command [%]'" in only_problem(joined, command, command)
     assert (
-        "columns has unknown 'T_supp', did you mean 'T_sup'?"
+        "columns = 'T_supp', did you mean 'T_sup'?"
         in problems(joined, command, other, columns={"T_supp": "VLV-1.csv"})[0]
     )
     assert "T_sup: there is no column 'SAT.csv'" in only_problem(joined, command, columns={"T_sup": "SAT.csv"})

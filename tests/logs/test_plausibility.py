@@ -285,7 +285,7 @@ def test_files_to_join_are_checked_beside_each_other(tmp_path):
         paths[-1].write_text(text_of({name: log[name]}, {name: unit}))
     said = only_problem(join_points, paths, columns={}, units={})
     assert said.startswith("T_set.csv: T_set is declared in degF, and its numbers look like degC: write '[degC]'")
-    assert join_points(paths, columns={}, units={"T_set": "degF"}).text
+    assert join_points(paths, columns={}, units={"T_set": "degF"})[0]
 
 
 def test_a_log_without_units_is_asked_for_each(tmp_path):

@@ -58,7 +58,7 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
         ),
         (COIL_HEADER, (5, 3, 99999), {}, ["T_w_in = 99999 degC in row 7", "from 0.5 to 120"]),
         (COIL_HEADER, (5, 4, 0), {}, ["T_a_in is 0, first in row 7", "sensor off", "--drop"]),
-        (COIL_HEADER, None, {"warm_up": 1e5}, ["0 temperatures to compare", "warm-up of 100000 s", "longer log"]),
+        (COIL_HEADER, None, {"warm_up": 1e5}, ["0 temperatures to compare", "warm-up of 100000 s", "lower warm_up"]),
         (COIL_HEADER, None, {"minimise_on": "T"}, ["minimise_on = 'T'"]),
         (COIL_HEADER, None, {"minimise_on": "both"}, ["T_w_out is missing"]),
         (COIL_HEADER, None, {"holds": ["T_sup"]}, ["holds = 'T_sup'"]),
@@ -71,7 +71,7 @@ def test_bad_logs_of_a_valve_are_refused_with_column_row_and_cure(valve_log, hea
             {"constants": {"T_dp_in": 99}},
             ["constants has T_dp_in = 99: give a number from -60 to 50 degC"],
         ),
-        (COIL_HEADER, None, {"constants": {"elapsed_time": 1}}, ["constants has unknown 'elapsed_time'"]),
+        (COIL_HEADER, None, {"constants": {"elapsed_time": 1}}, ["constants = 'elapsed_time'"]),
     ],
 )
 def test_bad_logs_and_arguments_of_a_coil_are_refused(coil_log, header, change, options, words):

@@ -138,7 +138,7 @@ def test_shards_are_whole_blocks_of_whatever_is_left_to_run(data):
     rng = np.random.default_rng(data.draw(st.integers(0, 99)))
     todo = np.flatnonzero(rng.random(plan.n_scenarios) < data.draw(st.sampled_from([0.02, 0.5, 1.0])))
     n_jobs = data.draw(st.integers(1, 4))
-    shards = plan.shards(n_jobs, todo)
+    shards = [shard.lanes for shard in resources.shards_of(plan, n_jobs, todo)]
     assert np.array_equal(np.concatenate([*shards, np.array([], dtype=np.int64)]), todo)
     blocks_of_day = -(-np.bincount(todo // per_day, minlength=n_days) // LANES)
     pieces = [-(-np.bincount(shard // per_day, minlength=n_days) // LANES) for shard in shards]
@@ -174,8 +174,9 @@ def test_a_shard_holds_no_more_than_its_share_of_bytes(days):
     traces = {"traces": ["T_w", "T_c", "T_a", "W_a", "u"], "warm_up": 60}
     plan = plan_simulation(fc.Loop(backlash=("sample", np.linspace(0.0, 0.1, 1000))), days, **traces)
     bytes_of_one = (plan.metric_bytes + plan.trace_bytes) / plan.n_scenarios
-    assert len(plan.shards(1)) > 4
-    assert all(LANES <= shard.size <= 64 * 2**20 / bytes_of_one for shard in plan.shards(1)[:-1])
+    shards = resources.shards_of(plan, 1)
+    assert len(shards) > 4
+    assert all(LANES <= shard.size <= 64 * 2**20 / bytes_of_one for shard in shards[:-1])
 
 
 def test_results_that_do_not_fit_into_memory_are_refused(monkeypatch):

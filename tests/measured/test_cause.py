@@ -11,7 +11,7 @@ from fastcoil.measured.grid import Grid
 from fastcoil.measured.identify import CANDIDATES, Identification
 from fastcoil.measured.measures import measures_of
 
-FOUND = Identification(0.08, 0.07, 0.09, True, "", CANDIDATES, np.full(CANDIDATES.size, 1.0 / CANDIDATES.size))
+FOUND = Identification(0.08, 0.07, 0.09, True, "", np.full(CANDIDATES.size, 1.0 / CANDIDATES.size))
 
 
 def grid_of(**options):

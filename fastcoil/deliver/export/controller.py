@@ -77,11 +77,7 @@ def templates() -> jinja2.Environment:
 
 
 class Controller:
-    """The parameters of one controller, its words by their parameter, and its rules as laws.
-
-    own: names of the user's rules that it has.  estimating, deciding, testing: the estimator, the law in place of the
-    PI, and the valve test.
-    """
+    """The parameters of one controller, its words by their parameter, and its rules as laws."""
 
     def __init__(self, loop: Loop) -> None:
         refuse([f"{name} is swept: give it one value, a controller has one" for name in loop.swept])
@@ -105,12 +101,12 @@ class Controller:
         law = next((one for one in rules.laws if one.name == self.word["law"]), None)
         # the function as it was written, not as it was compiled
         written = {rule.name: rule.parts[0] for rule in loop.rules.values() if rule.is_loaded}
-        self.own = [name for name in written if name in self.word.values()]
+        self.own = [name for name in written if name in self.word.values()]  # rules of the user
         self.waives_buffer = estimator is not None and estimator.waives_buffer
         self.tests = loop["test_start"] is not None
         self.rests = estimator is None or estimator.periods is None
         self.pauses = self.tests and not (estimator is not None and estimator.sees_test)
-        self.estimating = self.deciding = None
+        self.estimating = self.deciding = None  # the estimator, and the law in place of the PI
         self.testing: Port | None = None
         self.ports: list[Port] = []
         self.sees_air = False

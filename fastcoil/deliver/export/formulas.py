@@ -54,36 +54,30 @@ class AgainError(Exception):
 
 
 class Formulas(ABC):
-    """Evaluates expressions, and collects statements and the variables in them.
-
-    kind, rule: law or estimator, and its name.  pool: names that are taken.  names: by what they stand for, the same in
-    every round.  kinds: of variables.  nothing: those that may be NaN; beside each is a flag, ``name_known``.  path:
-    the calls that led here.  wanted: the name of what is evaluated.  facts: conditions that hold here.  definitions: of
-    flags, by name.  unsteady: variables that get several values.  out: the statements so far.
-    """
+    """Evaluates expressions, and collects statements and the variables in them."""
 
     def __init__(self, kind: str, rule: str, names: Sequence[str]) -> None:
-        self.kind, self.rule, self.where = kind, rule, ""
-        self.pool = {each.casefold() for each in (*names, *RESERVED)}
-        self.names: dict[Any, str] = {}
-        self.kinds: dict[str, str] = {}
-        self.nothing: set[str] = set()
-        self.out: list[ast.stmt] = []
+        self.kind, self.rule, self.where = kind, rule, ""  # law or estimator, and its name
+        self.pool = {each.casefold() for each in (*names, *RESERVED)}  # names that are taken
+        self.names: dict[Any, str] = {}  # by what they stand for, the same in every round
+        self.kinds: dict[str, str] = {}  # of variables
+        self.nothing: set[str] = set()  # those that may be NaN; beside each is a flag, ``name_known``
+        self.out: list[ast.stmt] = []  # the statements so far
         self._begin()
 
     def _begin(self) -> None:
         """Begin a round: all but names, kinds and what may be NaN is found anew."""
         self.constants: dict[str, Any] = {}
-        self.unsteady: set[str] = set()
+        self.unsteady: set[str] = set()  # variables that get several values
         self._afresh()
 
     def _afresh(self) -> list[ast.stmt]:
         """Begin another function of the laws.  Returns the statements of the one before."""
         before = self.out
-        self.path: Any = ()
-        self.wanted = "value"
-        self.facts: set[str] = set()
-        self.definitions: dict[str, ast.expr] = {}
+        self.path: Any = ()  # the calls that led here
+        self.wanted = "value"  # the name of what is evaluated
+        self.facts: set[str] = set()  # conditions that hold here
+        self.definitions: dict[str, ast.expr] = {}  # of flags, by name
         self.out = []
         return before
 
@@ -155,7 +149,8 @@ class Formulas(ABC):
         yes, no = pair
         if isinstance(yes, dict):  # a tuple, by name or place
             return {n: self._merged(f"{name}_{n}", (one, no[n]), key, test, blocks) for n, one in yes.items()}
-        if yes.is_same(no) and self._is_steady(yes):
+        is_alike = repr(yes.value) == repr(no.value) and ast.unparse(yes.text) == ast.unparse(no.text)
+        if is_alike and self._is_steady(yes):
             return yes
         out = self._local(name, key)
         for block, value, truth in zip(blocks, pair, (True, False), strict=True):

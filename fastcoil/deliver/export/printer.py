@@ -114,18 +114,13 @@ _SIGNS: Mapping[type, tuple[str, str]] = {
 
 
 class Printer:
-    """What the languages share.
+    """What the languages share."""
 
-    WORDS: of operators, truths and the parts of a statement, with {} for what is in them.  FUNCTIONS: their names by
-    those of Python.  TYPES: of numbers by their kind.  COMMENT: what stands before, in and behind one.  BREAKS: where a
-    line may end.
-    """
-
-    WORDS: ClassVar[dict[str, str]]
-    FUNCTIONS: ClassVar[dict[str, str]]
-    TYPES: ClassVar[dict[str, str]]
-    COMMENT: ClassVar[tuple[str, str, str]]
-    BREAKS: ClassVar[str]
+    WORDS: ClassVar[dict[str, str]]  # of operators, truths and parts of a statement, with {} for what is in them
+    FUNCTIONS: ClassVar[dict[str, str]]  # their names by those of Python
+    TYPES: ClassVar[dict[str, str]]  # of numbers by their kind
+    COMMENT: ClassVar[tuple[str, str, str]]  # what stands before, in and behind one
+    BREAKS: ClassVar[str]  # where a line may end
 
     def __init__(self, laws: Laws) -> None:
         self.laws, self.words, self.functions = laws, dict(self.WORDS), dict(self.FUNCTIONS)

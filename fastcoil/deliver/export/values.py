@@ -15,24 +15,17 @@ from fastcoil.model.parameter_table import LARGEST
 
 @dataclass(frozen=True, eq=False)
 class Number:
-    """An expression; its kind is real, flag or whole.
-
-    value: where the loop decides it.  needs: flags that all hold where it is a number, and not NaN.
-    """
+    """An expression."""
 
     text: ast.expr
-    kind: str = "real"
-    value: Any = None
-    needs: frozenset[str] = frozenset()
+    kind: str = "real"  # or flag, or whole
+    value: Any = None  # where the loop decides it
+    needs: frozenset[str] = frozenset()  # flags that all hold where it is a number, and not NaN
 
     @property
     def is_nothing(self) -> bool:
         """Whether it is NaN."""
         return isinstance(self.value, float) and math.isnan(self.value)
-
-    def is_same(self, other: Number) -> bool:
-        """Whether another is written alike."""
-        return repr(self.value) == repr(other.value) and ast.unparse(self.text) == ast.unparse(other.text)
 
     @property
     def is_atom(self) -> bool:
@@ -50,18 +43,16 @@ class Table:
 
 
 class Scope:
-    """One call of a function.
-
-    names: what they stand for.  finish: what is done with what it returns.  stored: how often a name is.
-    """
+    """One call of a function; ``finish``: what is done with what it returns."""
 
     def __init__(self, function: FunctionType, definition: ast.FunctionDef, finish: Callable[[Any], Any]) -> None:
         self.function, self.definition, self.finish = function, definition, finish
-        self.names: dict[str, Any] = {}
+        self.names: dict[str, Any] = {}  # what they stand for
         self.arguments = [one.arg for one in (*definition.args.posonlyargs, *definition.args.args)]
         nodes = list(ast.walk(definition))
         nodes += [one.target for one in nodes if isinstance(one, ast.AugAssign)]
         names = [one for one in nodes if isinstance(one, ast.Name)]
+        # how often each is stored
         self.stored = Counter(one.id for one in names if not isinstance(one.ctx, ast.Load))
         self.stored.update(set(self.arguments) & set(self.stored))
 

@@ -80,10 +80,7 @@ class Vectors:
 
 
 def vectors_of(loop: Loop, controller: Controller, text: str) -> Vectors:
-    """Answer a record of handling, replay others through the loop's controller, and simulate the loop on a day.
-
-    text: the laws in Python.
-    """
+    """Answer a record of handling, replay others through the loop's controller, and simulate the loop on a day."""
     lacks = {"estimate": controller.estimating is None, "integral_part": controller.deciding is not None}
     lacks |= dict.fromkeys(("start_test", "test", "test_aborted"), not controller.tests)
     lacks["m_a"] = not controller.sees_air
@@ -264,10 +261,7 @@ def _tour(controller: Controller) -> tuple[Array, Array]:
 
 
 def _errors(controller: Controller, wanted: Array, enabled: Array) -> Array:
-    """The errors that the PI answers with the openings wanted, K.
-
-    A dead band, or the limit of the error, takes it elsewhere, which does no harm.
-    """
+    """The errors, K, that the PI answers with the openings wanted, but for a dead band or the limit of errors."""
     number = controller.number
     kp, ki = number["kp"], number["kp"] * number["sample_time"] / number["ti"]
     e, integral = np.zeros(wanted.size), 0.0

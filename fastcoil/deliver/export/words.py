@@ -15,14 +15,9 @@ from typing import Any
 
 WIDTH = 100  # characters of a line of code
 _WORDS = tomllib.loads((Path(__file__).parent / "laws" / "reserved.toml").read_text(encoding="utf-8"))
+_PLAIN = _WORDS.pop("ascii")
 IEC = frozenset(_WORDS["iec"].split())
 RESERVED = frozenset(" ".join(_WORDS.values()).split())  # in small letters
-_PLAIN = {
-    "ü": "ue", "ä": "ae", "ö": "oe", "ß": "ss", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "…": "...",
-    "≤": "<=", "≥": ">=", "²": "2", "³": "3", "°": "deg", "±": "+-", "½": "1/2", "Δ": "d", "α": "alpha", "β": "beta",
-    "γ": "gamma", "δ": "delta", "ε": "epsilon", "ζ": "zeta", "η": "eta", "λ": "lambda", "σ": "sigma", "τ": "tau",
-    "φ": "phi",
-}  # fmt: skip
 
 
 def plain_text(text: str) -> str:

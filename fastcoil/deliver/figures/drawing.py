@@ -110,13 +110,6 @@ def swept_axes(values: xr.DataArray, **given: str | None) -> list[str]:
     return [left.pop(0) if dim is None else dim for dim in given.values()]
 
 
-def check_dim(argument: str, dim: str, dims: Sequence[str]) -> None:
-    """Refuse a name that is no dimension."""
-    if dim not in dims:
-        has = ", ".join(dims) or "none"
-        raise InputError(f"{argument} = {shown(dim)} is no dimension of this result{nearest(dim, dims)}; it has {has}")
-
-
 def picked(n: int, most: int = 3) -> list[int]:
     """Which of ``n`` labels get a curve or a row: all of up to ``most``; of more the first, the middle, the last."""
     return list(range(n)) if n <= most else [0, round((n - 1) / 2), n - 1]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, text_of
+from fastcoil.base.arguments import checking, choice_of, instance_of, text_of
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.figures import BLUE, COLOURS, LINE_STYLES, apply_style, wrapped
 from fastcoil.deliver.figures import drawing
@@ -93,7 +93,7 @@ def bands(data: Any, metric: str | None = None, *, x: str | None = None, by: str
     """
     values, failed = _values_of(data, metric, x=x, by=by)
     if by is not None:
-        drawing.check_dim("by", by, [str(d) for d in values.dims])
+        choice_of("by", by, [str(d) for d in values.dims])
     (x,) = drawing.swept_axes(values.isel({by: 0}, drop=True) if by else values, x=x)
     (axes,) = drawing.places(ax, [_HEIGHT])
     chosen = [] if by is None else drawing.picked(values.sizes[by])
@@ -182,9 +182,7 @@ def panels(
     columns = n if by else min(n, panels_abreast(width))
     inches = _PANEL * max(columns, 2) if width is None else width
     if by and inches < n * _NARROWEST:
-        raise InputError(
-            f"a figure of {_MILLIMETRES * inches:.0f} mm takes no {n} panels abreast: give fewer metrics, or more width"
-        )
+        raise InputError(f"{n} panels in {_MILLIMETRES * inches:.0f} mm: give fewer metrics, or more width")
     n_rows = math.ceil(len(rows) * n / columns)
     figure = Figure(figsize=(inches, height * n_rows + 0.5), layout="constrained")
     alike: Any = "col" if by else False
@@ -246,14 +244,11 @@ def standard_figures(ds: xr.Dataset, width: float | None = None) -> dict[str, Ca
 
 
 def rows_of(ds: xr.Dataset, by: str | None) -> list[tuple[int | None, str]]:
-    """Position and words of the labels that get a row of panels each.
-
-    Those are all of up to six; of more the first, the middle and the last.
-    """
+    """Position and words of the labels that get a row: all of up to six, else the first, the middle, the last."""
     if by is None:
         return [(None, "")]
     dims = [str(d) for d in ds["status"].dims if d in ds.coords and ds.sizes[d] > 1]
-    drawing.check_dim("by", by, dims)
+    choice_of("by", by, dims)
     chosen = drawing.picked(ds.sizes[by], _MOST_ROWS)
     is_plain, pi = (ds[by].values == 0.0) & (by in ESTIMATES), plain_pi(ds)
     return [(k, label_in_words(ds, by, k) + (f", {pi}" if is_plain[k] else "")) for k in chosen]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from fastcoil.base.arguments import checking, instance_of, names_of, refuse
+from fastcoil.base.arguments import checking, choice_of, instance_of, names_of
 from fastcoil.base.arrays import Array
-from fastcoil.base.errors import InputError, nearest
+from fastcoil.base.errors import InputError
 from fastcoil.base.figures import COLOURS, DOTTED, LINE_STYLES, wrapped
 from fastcoil.deliver.figures.drawing import caption, in_style, legend_above, places, say_if_empty
 from fastcoil.logs.series import COLUMNS
@@ -50,10 +50,12 @@ class _Drawn(NamedTuple):
         return self.ds["time"].values if "time" in self.ds.coords else self.ds["elapsed_time"].values / _HOUR
 
 
-def _traced(data: Any) -> xr.Dataset:
+def _traced(data: Any, *names: str) -> xr.Dataset:
+    """A result with traces, some or those of ``names``."""
     ds: xr.Dataset = instance_of("data", data, xr.Dataset, _CURE)
-    if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES):
-        raise InputError('data has no traces: simulate with traces=["T_sup", "command"], or give a result that has')
+    if "elapsed_time" not in ds.coords or not any(n in ds for n in TRACES) or not all(n in ds for n in names):
+        wanted = list(names or ("T_sup", "command"))
+        raise InputError(f"data lacks traces such as {' and '.join(wanted)}: simulate with traces={wanted}")
     require_our_units(ds, PARAMETERS, TRACES, {"elapsed_time": COLUMNS["elapsed_time"]})
     return ds
 
@@ -64,9 +66,7 @@ def _scenarios_of(ds: xr.Dataset, names: Collection[str]) -> list[_Drawn]:
         raise InputError(f"the traces have {sizes['volume']} volumes: select one, such as ds.sel(volume=1)")
     n = math.prod(sizes.values())
     if n > len(COLOURS):
-        raise InputError(
-            f"data has {n:,} scenarios: a figure over time shows up to {len(COLOURS)}, select some with isel or sel"
-        )
+        raise InputError(f"data has {n:,} scenarios: select up to {len(COLOURS)} with isel or sel")
     found = []
     for index, colour, style in zip(np.ndindex(*sizes.values()), COLOURS, LINE_STYLES, strict=False):
         place = dict(zip(sizes, index, strict=True))
@@ -138,12 +138,9 @@ def _names(ds: xr.Dataset, show: Any) -> list[str]:
             usual = [n for n in usual if n not in valve[:-1]]
         return usual or there
     names = names_of("show", show)
-    problems = [
-        f"show: {name!r} is no trace of this result{nearest(name, there)}; it has {', '.join(there)}"
-        for name in names
-        if name not in there
-    ]
-    refuse(problems)
+    with checking() as check:
+        for name in names:
+            check(choice_of, "show", name, there)
     return names
 
 
@@ -217,9 +214,7 @@ def learning(data: Any, *, ax: Any = None) -> Axes:
     InputError
         With one sentence for each mistake; for more scenarios than three.
     """
-    ds = _traced(data)
-    if "estimate" not in ds:
-        raise InputError('data has no trace estimate: simulate with traces=["estimate"]')
+    ds = _traced(data, "estimate")
     found = _scenarios_of(ds, ["estimate"])
     gaps = [100.0 * one.backlash for one in found]
     (axes,) = places(ax, [_HEIGHT_OF_ESTIMATE])
@@ -269,9 +264,7 @@ def limit_cycle(data: Any, predicted: xr.Dataset | None = None, *, ax: Any = Non
     InputError
         With one sentence for each mistake.
     """
-    ds = _traced(data)
-    if any(name not in ds for name in _PLANE):
-        raise InputError('data lacks the traces command and opening: simulate with traces=["command", "opening"]')
+    ds = _traced(data, *_PLANE)
     if predicted is not None:
         cure = "give what fastcoil.limit_cycle(loop, boundary) returns"
         instance_of("predicted", predicted, xr.Dataset, cure)

@@ -152,19 +152,15 @@ class Section(NamedTuple):
 
 
 class Page(NamedTuple):
-    """A report.
+    """A report."""
 
-    label: what kind of report.  question: what was asked.  warnings: what the reader must know before the answer.
-    answer: sentences, the most important first.  origin: SHA-256 of what it was made from.
-    """
-
-    label: str
+    label: str  # what kind of report
     title: str
     question: str
-    warnings: Sequence[str]
-    answer: Sequence[str]
+    warnings: Sequence[str]  # what the reader must know before the answer
+    answer: Sequence[str]  # sentences, the most important first
     sections: Sequence[Section]
-    origin: str = ""
+    origin: str = ""  # SHA-256 of what it was made from
 
     def html(self) -> str:
         from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -270,10 +266,7 @@ PAPER: Mapping[str, str] = {
 
 
 def citation(results: Mapping[str, Any] | None = None) -> list[str]:
-    """Plain text, a line each.
-
-    results: the attributes of results, which are then cited with the version that made them and their hash.
-    """
+    """Plain text, a line each, also for results with these attributes: the version that made them, their hash."""
     lines = [
         f"{AUTHORS}. {TITLE}. Version {_version(results)}, {LICENCE} licence.",
         f"{PAPER['authors']} ({PAPER['year']}). {PAPER['title']}. {PAPER['series']}, paper {PAPER['number']}, "

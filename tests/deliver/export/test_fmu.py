@@ -222,7 +222,7 @@ def test_the_same_controller_has_the_same_bytes_and_another_one_another_guid(exp
 
 @pytest.mark.parametrize("compiler", [None, "false"])
 def test_without_a_compiler_there_are_sources_and_a_sentence_says_so(tmp_path, monkeypatch, compiler):
-    monkeypatch.setattr("fastcoil.deliver.export.fmu.shutil.which", lambda name: compiler)
+    monkeypatch.setattr("fastcoil.deliver.export.export.shutil.which", lambda name: compiler)
     with pytest.warns(UserWarning, match="has sources and no binary.*(no C compiler was found|false failed)"):
         fc.export_controller(fc.Loop(**PLAIN), tmp_path / "valve.fmu", "fmu")
     with zipfile.ZipFile(tmp_path / "valve.fmu") as archive:

@@ -83,7 +83,7 @@ def test_a_loop_that_failed_has_no_plane(swinging):
     [
         (
             lambda ds, p: fc.plot.limit_cycle(ds.drop_vars("command")),
-            "data lacks the traces command and opening: simulate with ",
+            "data lacks traces such as command and opening: simulate with ",
         ),
         (lambda ds, p: fc.plot.limit_cycle(ds, ds), "predicted has no margin, period, amplitude: give what "),
         (
@@ -94,7 +94,7 @@ def test_a_loop_that_failed_has_no_plane(swinging):
             lambda ds, p: fc.plot.limit_cycle(ds, fc.limit_cycle(fc.Loop(ti=400.0), fc.paper_day(hours=1))),
             "predicted is of another loop, with ti = 400.0, in data 8.0: give that of the same loop",
         ),
-        (lambda ds, predicted: fc.plot.learning(ds), "data has no trace estimate: simulate with "),
+        (lambda ds, predicted: fc.plot.learning(ds), "data lacks traces such as estimate: simulate with "),
     ],
 )
 def test_what_is_missing_gets_a_sentence(swinging, call, words):

@@ -70,8 +70,7 @@ def test_what_failed_is_told(ds):
         (lambda ds: fc.plot.map(ds.isel(backlash=0)), "y and x: this result sweeps estimate_ratio, name a "
          "swept number for each"),
         (fc.plot.bands, "x: this result sweeps backlash, estimate_ratio, name a swept number for each"),
-        (lambda ds: fc.plot.bands(ds, x="backlash", by="dya"), "by = 'dya' is no dimension of this result, did you "
-         "mean 'day'?; it has "),
+        (lambda ds: fc.plot.bands(ds, x="backlash", by="dya"), "by = 'dya', did you mean 'day'?: choose "),
         (lambda ds: fc.plot.map(ds.rmse.assign_coords(backlash=ds.backlash.assign_attrs(units="%"))),
          "ds.backlash is in '%': give it in 1"),
         (lambda ds: fc.plot.bands(ds.rmse, "iae"), "metric = 'iae': leave it out, data is one variable already"),

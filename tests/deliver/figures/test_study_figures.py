@@ -167,7 +167,7 @@ def test_changes_are_in_per_cent_around_a_line_at_0(swept):
 
 @pytest.mark.parametrize(
     ("by", "words"),
-    [("tunin", "by = 'tunin' is no dimension of this result, did you mean 'tuning'"), ("backlash", "is named twice")],
+    [("tunin", "by = 'tunin', did you mean 'tuning'"), ("backlash", "is named twice")],
 )
 def test_rows_that_there_cannot_be_are_refused(swept, by, words):
     with pytest.raises(InputError, match=words):

@@ -75,13 +75,12 @@ draw = fc.plot.traces
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (draw, "data has 4 scenarios: a figure over time shows up to 3, select some with "
-         "isel or sel"),
-        (lambda ds: draw(ds.drop_vars(SEEN)), 'data has no traces: simulate with traces=["T_sup", "command"], '
-         "or give a result that has"),
+        (draw, "data has 4 scenarios: select up to 3 with isel or sel"),
+        (lambda ds: draw(ds.drop_vars(SEEN)), "data lacks traces such as T_sup and command: simulate with "
+         "traces=['T_sup', 'command']"),
         (lambda ds: draw(ds.rmse), "data is a DataArray: give a Dataset of fastcoil.simulate with traces"),
-        (lambda ds: draw(ds, show="Tsup"), "show: 'Tsup' is no trace of this result, did you mean 'T_sup'?; it "
-         "has T_sup, command, opening, estimate"),
+        (lambda ds: draw(ds, show="Tsup"), "show = 'Tsup', did you mean 'T_sup'?: choose 'T_sup', 'command', "
+         "'opening' or 'estimate'"),
         (lambda ds: draw(ds[{"backlash": 0}], fc.paper_day(hours=0.5)), "boundary has another day than the "
          "traces: give the boundary that was simulated"),
         (lambda ds: draw(ds[{"backlash": 0}], fc.paper_day(hours=1, seed=2)), "boundary has another day than the "

@@ -12,9 +12,9 @@ from helpers.studies import DAYS, PLAIN, TRACED, contents, copied, golden, run
 
 import fastcoil as fc
 from fastcoil.base.errors import InputError, IntegrityError
-from fastcoil.deliver.report import study as module
+from fastcoil.deliver.report import results as module
 from fastcoil.deliver.report.page import Table, change, number, setting, span
-from fastcoil.deliver.report.study import comparisons
+from fastcoil.deliver.report.results import comparisons
 from fastcoil.study.analysis.summary import findings
 
 pytestmark = [pytest.mark.kernel, pytest.mark.usefixtures("blank_figures")]

@@ -116,7 +116,7 @@ def test_weather_by_relative_humidity_other_headers_and_pressure(write):
         ({"month": 2, "day": 1, "hour": 8}, ["0 rows for month 2, day 1, hour 8", "file's own dates"]),
         ({"start_hour": 8, "outdoor_fraction": 1.5}, ["outdoor_fraction = 1.5", "from 0 to 1"]),
         ({"start_hour": 8, "W_return": 0.008}, ["RH_return and W_return", "one of them"]),
-        ({"start_hour": 8, "columns": {"T": "T_drybulb_C"}}, ["columns has unknown 'T'"]),
+        ({"start_hour": 8, "columns": {"T": "T_drybulb_C"}}, ["columns = 'T'"]),
         ({"start_hour": 8, "columns": {"RH": "humidity"}}, ["RH: there is no column 'humidity'"]),
         ({"start_hour": 8, "units": {"T_drybulb": "degF"}}, ["the header 'T_drybulb_C' says degC, drop one"]),
         ({"start_hour": 8, "units": {"T_drybulb": "Cel"}}, ["T_drybulb is in 'Cel'", "degC, degF, K"]),

@@ -274,7 +274,8 @@ def test_a_shard_may_span_days_and_changes_no_bits(sweep, days, n_jobs, monkeypa
     monkeypatch.setattr(plans, "_SHARDS_PER_WORKER", 0.5 / n_jobs)
     monkeypatch.setattr(plans, "LANES", 40)  # other edges: 288 scenarios a day
     plan = plans.plan_simulation(sweep, days, warm_up=100, replicates=2)
-    assert any(np.unique(plan.layout.columns(shard)["day"]).size == 2 for shard in plan.shards(n_jobs))
+    days_of = [np.unique(plan.layout.columns(shard.index)["day"]) for shard in plans.shards_of(plan, n_jobs)]
+    assert any(days.size == 2 for days in days_of)
     assert swept(sweep, days, n_jobs=n_jobs).content_sha256 == expected
 
 
