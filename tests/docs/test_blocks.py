@@ -60,7 +60,7 @@ def test_the_options_of_dask_exist():
 @pytest.mark.kernel
 @pytest.mark.parametrize("kind", ["SLURM", pytest.param("PBS", marks=pytest.mark.full)])
 def test_the_scripts_for_job_arrays_run(kind, tmp_path):
-    """By bash alone: ``sbatch`` is a function that runs two tasks of the array; what depends on it runs the rest."""
+    """By bash alone: ``sbatch`` is a function that runs one task of the array; what depends on it runs the rest."""
     (tmp_path / "study.toml").write_text(PLAIN)
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     command = tmp_path / ".venv" / "bin" / "fastcoil"
@@ -71,7 +71,7 @@ def test_the_scripts_for_job_arrays_run(kind, tmp_path):
     (tmp_path / "merge.sh").write_text(merge)
     (tmp_path / "bash").write_text(
         "set -e\nexport SLURM_CPUS_PER_TASK=1 PBS_O_WORKDIR=$PWD\nsbatch() {\n"
-        "for k in $([ $2 = array.sh ] && echo 8 3 || echo 0)\n"
+        "for k in $([ $2 = array.sh ] && echo 3 || echo 0)\n"
         "do SLURM_ARRAY_TASK_ID=$k PBS_ARRAY_INDEX=$k bash $2; done\n"
         f"}}\n{submit}"
     )
