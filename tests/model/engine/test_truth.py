@@ -188,7 +188,7 @@ def case(request, hour, run_reference):
     return run_all(run_reference, fc.Loop(**loop), with_series(hour, series), **options)
 
 
-HOURS = 8 if os.environ.get("FASTCOIL_FULL") else 3
+HOURS = 8 if os.environ.get("FASTCOIL_FULL") else 2
 """Of the reference, of which an hour takes a third of a second; the learners decide every half hour or more often."""
 
 
