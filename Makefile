@@ -12,6 +12,8 @@ paper: $(VENV)/.installed
 	$(BIN)/python -m studies paper
 
 # in parallel; tests that measure time or send signals take turns
+# with the bytecode of an earlier run they are collected in a third of the time
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
 

@@ -32,6 +32,8 @@ def pytest_configure(config):
     # started in the background of a script, it would be ignored by all processes that the tests interrupt
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    # no test cuts the power; processes that tests start wait for the disk as a user's do
+    os.fsync = lambda descriptor: None
     config.addinivalue_line("markers", "kernel: runs the lane kernel, which only the compiler makes fast enough")
     config.addinivalue_line("markers", "alone: measures time or signals processes; one such test at a time")
     config.addinivalue_line("markers", "full: takes long, or repeats a path; run by `make test-full`")

@@ -60,7 +60,7 @@ def test_work_done_at_once_shows_nothing(look):
     assert shown.PATIENCE == 2.0
 
 
-@pytest.mark.parametrize("start", [lambda: progress_of_call(None), Shown])
+@pytest.mark.parametrize("start", [lambda: progress_of_call(None), lambda: Shown(patience=0.02)])
 def test_a_bar_appears_before_anything_is_finished_and_says_what_is_done(look, soon, start):
     terminal = look()
     with start() as progress:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import click
 import pytest
+from helpers.commands import fastcoil
 from helpers.processes import environment
 from helpers.studies import PLAIN, golden
 from test_pages import PAGES, blocks, commands, is_named
@@ -58,20 +59,23 @@ def test_the_options_of_dask_exist():
 
 
 @pytest.mark.kernel
-@pytest.mark.parametrize("kind", ["SLURM", pytest.param("PBS", marks=pytest.mark.full)])
-def test_the_scripts_for_job_arrays_run(kind, tmp_path):
-    """By bash alone: ``sbatch`` is a function that runs two tasks of the array; what depends on it runs the rest."""
+@pytest.mark.parametrize("kind", ["SLURM", "PBS"])
+def test_the_scripts_for_job_arrays_run(kind, tmp_path, monkeypatch):
+    """By bash alone: ``sbatch`` is a function that runs one task of the array; what depends on it runs the rest.
+
+    What bash calls is noted, and called here afterwards.
+    """
     (tmp_path / "study.toml").write_text(PLAIN)
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     command = tmp_path / ".venv" / "bin" / "fastcoil"
-    command.write_text(f'#!/bin/sh\nexec {sys.executable} -m fastcoil "$@" --no-figures\n')
+    command.write_text('#!/bin/sh\necho "$@" >> called\n')
     command.chmod(0o755)
     array, merge, submit, pbs = named("clusters.md", "bash")
     (tmp_path / "array.sh").write_text(array if kind == "SLURM" else pbs)
     (tmp_path / "merge.sh").write_text(merge)
     (tmp_path / "bash").write_text(
         "set -e\nexport SLURM_CPUS_PER_TASK=1 PBS_O_WORKDIR=$PWD\nsbatch() {\n"
-        "for k in $([ $2 = array.sh ] && echo 8 3 || echo 0)\n"
+        "for k in $([ $2 = array.sh ] && echo 3 || echo 0)\n"
         "do SLURM_ARRAY_TASK_ID=$k PBS_ARRAY_INDEX=$k bash $2; done\n"
         f"}}\n{submit}"
     )
@@ -79,14 +83,22 @@ def test_the_scripts_for_job_arrays_run(kind, tmp_path):
         ["bash", "bash"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=300, check=False
     )
     assert found.returncode == 0, found.stderr
+    monkeypatch.chdir(tmp_path)
+    task, merge = (tmp_path / "called").read_text().splitlines()
+    for words in (task, merge):
+        done = fastcoil(*words.split(), "--no-figures")
+        assert done.exit_code == 0, done.output
+        assert "finished: nothing to do" not in done.output
+    assert "--shard 3/8" in task
     assert fc.open_study(tmp_path / "results" / "study").attrs["content_sha256"] == golden(PLAIN)
-    assert "finished: nothing to do" not in found.stdout
 
 
 @pytest.mark.kernel
-def test_the_script_for_dask_jobqueue_runs(tmp_path, monkeypatch, two_workers):
+def test_the_script_for_dask_jobqueue_runs(tmp_path, monkeypatch):
+    """Without a cluster, which tests/study/workers has: what it asks for is run here."""
+
     class Cluster:
-        scheduler_address, scale = two_workers.address, lambda self, jobs: None
+        scheduler_address, scale = "tcp://127.0.0.1:8786", lambda self, jobs: None
 
         def __init__(self, cores, processes, memory, walltime):
             assert cores == processes
@@ -96,5 +108,12 @@ def test_the_script_for_dask_jobqueue_runs(tmp_path, monkeypatch, two_workers):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Cluster))
     (tmp_path / "study.toml").write_text(PLAIN)
+    run = fc.run_study
+
+    def run_here(*words, backend, scheduler, **options):
+        assert (backend, scheduler) == ("dask", Cluster.scheduler_address)
+        return run(*words, **options)
+
+    monkeypatch.setattr(fc, "run_study", run_here)
     exec(named("clusters.md", "py")[0], {"__name__": "__main__"})
     assert fc.open_study("results/study").attrs["content_sha256"] == golden(PLAIN)

@@ -87,7 +87,16 @@ def parameters(call):
 
 
 @pytest.fixture(scope="module")
-def base_calls(tmp_path_factory):
+def _cheap():
+    """Fits and readings of which little is tried."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fastcoil.measured.fit_coil._N_STARTS", 2)
+        patch.setattr("fastcoil.measured.read_test._UNLIKELY", 0.1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def base_calls(tmp_path_factory, _cheap):
     """Name → (function, its arguments in a call that is right and cheap)."""
     folder = tmp_path_factory.mktemp("calls")
     day, loop = fc.paper_day(hours=0.05), fc.Loop()
@@ -197,9 +206,8 @@ def base_calls(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def _cheap_and_in_a_folder_of_its_own(tmp_path, monkeypatch):
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("fastcoil.measured.fit_coil._N_STARTS", 2)
     yield
     plt.close("all")
 

@@ -159,6 +159,7 @@ def test_the_command_prints_the_answer_and_writes_what_is_asked(log, tmp_path, m
     assert {path.name for path in tmp_path.iterdir()} == {"log.csv"}
 
 
+@pytest.mark.full
 def test_the_loop_that_hunts_at_lbnl_is_told_as_found():
     """It hardly has backlash, and swings every half hour."""
     found = fc.diagnose(

@@ -209,6 +209,7 @@ def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise()
 # ----------------------------------------------------------------------------------------------------------- real data
 
 
+@pytest.mark.full
 def test_on_a_hospitals_ahu_each_half_holds_the_other_and_the_first_is_validated_by_the_second():
     """Maddalena et al. (2022): batches 0-12 and 13-25; in the second half the flow is logged one sample late."""
     log = pd.read_csv(measured("riskbr_ahu1.csv"))

@@ -9,7 +9,7 @@ from studies.cost import zone
 
 
 @cache
-def at_rest(T_sup, T_set=14.0, hours=8):
+def at_rest(T_sup, T_set=14.0, hours=4):
     """Rooms with air of one temperature for so long that nothing moves any more; a lane of 1 kg/s."""
     usual = np.ones((1, hours * 3600))
     return zone.rooms(np.full(usual.shape, T_sup), usual, T_set)

@@ -12,7 +12,8 @@ import pytest
 from click.testing import CliRunner
 from helpers import rules
 from helpers.exported import FLAGS, finds, vectors
-from test_same_controller import loop_of
+from helpers.full import full_but
+from test_same_controller import LOOPS, loop_of
 
 import fastcoil as fc
 from fastcoil.cli.main import main
@@ -103,15 +104,10 @@ def plain(exported):
 
 @pytest.mark.parametrize(
     ("name", "test"),
-    [
-        ("inverse", None),
-        ("heating", None),
-        ("gradient", None),
-        ("identify", fc.ValveTest()),
-        pytest.param("variants", None, marks=pytest.mark.full),
-        pytest.param("additive", None, marks=pytest.mark.full),
-        pytest.param("hagglund", None, marks=pytest.mark.full),
-    ],
+    full_but(
+        [("identify", fc.ValveTest()), *((name, None) for name in LOOPS if name != "identify")],
+        [("identify", fc.ValveTest()), ("heating", None)],
+    ),
 )
 def test_it_is_valid_and_gives_the_kernels_numbers(exported, name, test):
     """Every vector, through FMPy."""

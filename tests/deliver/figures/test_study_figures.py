@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.figure_looks import assert_palette, assert_texts_fit
+from helpers.full import full_but
 from helpers.results import drawn, result
 
 from fastcoil.base.errors import InputError
@@ -61,7 +62,7 @@ def test_a_few_members_are_drawn_one_by_one_and_many_as_a_band(swept):
     np.testing.assert_allclose(drawn_one_by_one, [*ds.rmse, ds.rmse.median("tuning")])
 
 
-@pytest.mark.parametrize("millimetres", [84, pytest.param(174, marks=pytest.mark.full), None])
+@pytest.mark.parametrize("millimetres", full_but([84, 174, None], [84]))
 def test_the_standard_figures_are_as_wide_as_asked_and_no_text_is_clipped_or_hides_another(swept, millimetres):
     ds = relative_to(swept, {"estimate_ratio": 0}, "estimate / backlash = 0 %") if millimetres == 84 else swept
     inches = None if millimetres is None else millimetres / 25.4

@@ -140,6 +140,12 @@ CASES = {
     "learner that looks at its error, off and on": Case({**LEARNER, **WARY}, {"enabled": OFF_AND_ON, "T_set": 14.0}),
 }
 
+COVERED = (
+    "no backlash", "inverse 60 %", "inverse 100 %", "steps, dry", "steps, wet", "stroke time 90 s", "sensor lag",
+    "Gaussian noise", "quasistatic", "quasistatic, dry", "wear", "5 volumes", "neutral zone", "stick-slip", "leakage",
+    "learner that stops", "learner that trips early", "learner that looks at its error",
+)  # fmt: skip
+"""Cases whose parts others have among more: `make test-full` runs them."""
 EXACT = (
     "plain PI", "wet", "quasistatic, wet", "98 kPa, other specific heats", "heating", "frost", "hot and humid"
 )  # fmt: skip
@@ -175,14 +181,14 @@ def run_all(run_reference, loop, day, **options):
     return Run(ds, *run_reference(loop, day, **options), partial(run_reference, loop, day, exact=True, **options))
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(scope="module", params=full_but(CASES, CASES.keys() - set(COVERED)))
 def case(request, hour, run_reference):
     loop, series, command = CASES[request.param]
     options = {"command": command, "warm_up": WARM_UP, "seed": SEED}
     return run_all(run_reference, fc.Loop(**loop), with_series(hour, series), **options)
 
 
-HOURS = 8 if os.environ.get("FASTCOIL_FULL") else 3
+HOURS = 8 if os.environ.get("FASTCOIL_FULL") else 2
 """Of the reference, of which an hour takes a third of a second; the learners decide every half hour or more often."""
 
 

@@ -32,7 +32,7 @@ WRONG = {
 }
 
 
-@pytest.fixture(params=DRAFTS)
+@pytest.fixture(scope="module", params=DRAFTS)
 def validator(request):
     schema = json.loads(schema_text())
     DRAFTS[request.param].check_schema(schema)

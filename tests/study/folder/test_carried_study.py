@@ -123,14 +123,8 @@ def test_a_lane_that_kills_its_worker_is_crashed_on_all_days_and_no_other(tmp_pa
     np.testing.assert_array_equal(crashed["rmse"].values[ran], sound["rmse"].values[ran])
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("[0.0, 0.02, 0.04, 0.06]", "[0.0, 0.02, 0.04, 0.06, 0.1]"), ("5, 6]", "5, 6, 7]")],
-    ids=["lanes", "days"],
-)
-def test_lanes_and_later_days_can_be_added(tmp_path, old, new):
-    larger = CARRIED.replace(old, new)
-    assert larger != CARRIED
+def test_lanes_and_later_days_can_be_added(tmp_path):
+    larger = CARRIED.replace("0.04, 0.06]", "0.04, 0.06, 0.1]").replace("5, 6]", "5, 6, 7]")
     run(CARRIED, tmp_path / "out")
     assert run(larger, tmp_path / "out", extend=True) == golden(larger)
 

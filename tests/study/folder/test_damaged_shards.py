@@ -31,9 +31,8 @@ def named(data, first=0):
 
 
 @pytest.mark.parametrize(
-    "cut", [lambda d: d[:-1], lambda d: d[: len(d) // 2], lambda d: b"", lambda d: d + b"\0"],
-    ids=["a byte less", "half", "nothing", "a byte more"],
-)  # fmt: skip
+    "cut", [lambda d: d[:-1], lambda d: b"", lambda d: d + b"\0"], ids=["a byte less", "nothing", "a byte more"]
+)
 def test_a_shard_of_another_length_is_quarantined_and_run_again(broken_off, cut):
     path = shards(broken_off)[0]
     path.write_bytes(cut(path.read_bytes()))
@@ -107,16 +106,17 @@ def test_half_written_files_of_a_killed_run_are_no_damage_and_are_removed(broken
     assert resume(broken_off) == []
 
 
-@pytest.mark.parametrize("error", [OSError(-101, "NetCDF: HDF error"), RuntimeError("NetCDF: HDF error")], ids=repr)
-def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(broken_off, monkeypatch, error):
-    def refuse(*_):
-        raise error
+def test_a_sound_shard_for_which_there_is_no_memory_is_not_set_aside(broken_off, monkeypatch):
+    for error in (OSError(-101, "NetCDF: HDF error"), RuntimeError("NetCDF: HDF error")):
 
-    monkeypatch.setattr(stored, "load", refuse)
-    for look in (lambda: run(PLAIN, broken_off), lambda: maintenance.verify(broken_off)):
-        with pytest.raises(StorageError, match="is sound, and cannot be read .*: the memory ran out") as refused:
-            look()
-        assert refused.value.exit_code == 4
+        def refuse(*_, error=error):
+            raise error
+
+        monkeypatch.setattr(stored, "load", refuse)
+        for look in (lambda out: run(PLAIN, out), maintenance.verify):
+            with pytest.raises(StorageError, match="is sound, and cannot be read .*: the memory ran out") as refused:
+                look(broken_off)
+            assert refused.value.exit_code == 4
     assert quarantined(broken_off) == []
     monkeypatch.undo()
     assert resume(broken_off) == []

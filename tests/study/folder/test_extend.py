@@ -98,9 +98,9 @@ def test_only_what_is_new_is_run_and_the_result_is_that_of_a_fresh_run(study, ba
 def test_an_extension_that_is_interrupted_goes_on(study, tmp_path, monkeypatch, again):
     done = run_shards(study(BASE), tmp_path / "out", 0)
     asked = study(EXTENSIONS["middle"])
-    cut(monkeypatch, 3)
+    cut(monkeypatch, 6)
     for _ in range(2):
-        done += run_until_stopped(asked, tmp_path / "out", 2, extend=again or done <= N)
+        done += run_until_stopped(asked, tmp_path / "out", 1, extend=again or done <= N)
         partly = fc.open_study(tmp_path / "out")
         assert int((partly["status"] == 0).sum()) == done
         partly.close()
@@ -169,11 +169,12 @@ def test_what_is_no_extension_is_refused_and_nothing_touched(study, base, tmp_pa
 
 
 def test_an_unfinished_study_is_finished_before_it_is_extended(study, tmp_path, monkeypatch):
-    cut(monkeypatch, 6)
-    run_shards(study(BASE), tmp_path / "out", None)
-    smaller = study(EXTENSIONS["middle"])
+    cut(monkeypatch, 8)
+    untraced = {"run": {"traces": None, "trace_interval": None}}
+    run_shards(study(changed(**untraced)), tmp_path / "out", None)
+    smaller = study(changed(sweep={"backlash": [0.02, 0.03, 0.05, 0.09]}, **untraced))
     run_until_stopped(smaller, tmp_path / "out", 1, extend=True)
-    larger = changed(sweep={"backlash": [0.02, 0.03, 0.04, 0.05, 0.09, 0.11]})
+    larger = changed(sweep={"backlash": [0.02, 0.03, 0.05, 0.09, 0.11]}, **untraced)
     check_refused(study, tmp_path, larger, "is unfinished: finish it with the file that it was started from")
     execute(smaller, tmp_path / "out")
     assert execute(study(larger), tmp_path / "out", extend=True).results.attrs["content_sha256"] == fresh(

@@ -73,7 +73,7 @@ def sweep(tmp_path, situation, *, lasting=False, stride=1):
 
 @pytest.mark.parametrize(
     ("situation", "stride"),
-    [("extended", 89), *(pytest.param(name, 1, marks=pytest.mark.full) for name in SITUATIONS)],
+    [("extended", 127), *(pytest.param(name, 1, marks=pytest.mark.full) for name in SITUATIONS)],
 )
 def test_whichever_operation_fails_the_run_ends_with_4_and_the_next_one_completes_it(tmp_path, situation, stride):
     assert sweep(tmp_path, situation, stride=stride) > 50

@@ -13,6 +13,7 @@ from fastcoil.cli.main import main
 from fastcoil.study import maintenance
 from fastcoil.study import run as runner
 from fastcoil.study.file.spec import read_study
+from fastcoil.study.folder import folder
 from fastcoil.study.folder.folder import find_holder, hold
 
 pytestmark = pytest.mark.kernel
@@ -83,7 +84,9 @@ def test_leftover_locks_of_a_dead_run_hold_nobody_up(broken_off):
     resume(broken_off)
 
 
-def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
+def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out, monkeypatch):
+    monkeypatch.setattr(folder, "_PATIENCE", 0.1)
+
     def second(_):
         before = contents(out)
         start = time.monotonic()
@@ -100,7 +103,8 @@ def test_a_second_run_is_refused_at_once_and_disturbs_nothing(out):
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_figures_are_drawn_while_the_folder_is_held(out):
+def test_figures_are_drawn_while_the_folder_is_held(out, monkeypatch):
+    monkeypatch.setattr(folder, "_PATIENCE", 0.1)
     holders = []
 
     def present(finished):

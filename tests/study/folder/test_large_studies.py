@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from helpers.commands import fastcoil
 from helpers.processes import cut
-from helpers.studies import PLAIN, TRACED, copied, golden, larger, resume, run, run_until_interrupted, shards, verify
-from hypothesis import given
+from helpers.studies import TRACED, copied, golden, larger, resume, run, run_until_interrupted, shards, verify
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fastcoil as fc
@@ -38,6 +38,7 @@ def slabs_of_one(monkeypatch):
 # --- the merge --------------------------------------------------------------------------------------------------------
 
 
+@settings(max_examples=20)
 @given(data=st.data())
 def test_values_come_in_flat_order_whatever_the_order_of_the_parts(data, tmp_path_factory):
     n = data.draw(st.integers(1, 30))
@@ -56,7 +57,7 @@ def test_values_come_in_flat_order_whatever_the_order_of_the_parts(data, tmp_pat
     np.testing.assert_array_equal(np.concatenate(pieces), join_flat(n, parts)["T_w"].values)
 
 
-@pytest.mark.parametrize("text", [TRACED, VOLUMES, SEQUENCE], ids=["traced", "volumes", "sequence"])
+@pytest.mark.parametrize("text", [VOLUMES, SEQUENCE], ids=["volumes", "sequence"])
 def test_hashes_are_those_of_whole_arrays(out, text, slabs_of_one):
     loop = fc.Loop(noise_std=0.02, backlash=[0.02, 0.07], estimate_ratio=[0.0, 0.9])
     names = ["T_sup", "mode", *(["T_c"] if text == VOLUMES else [])]
@@ -74,8 +75,9 @@ def test_hashes_are_those_of_whole_arrays(out, text, slabs_of_one):
     assert verify(out) == []
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, StorageError("no room")], ids=["killed", "full"])
-@pytest.mark.parametrize("extend", [False, True], ids=["run", "extended"])
+@pytest.mark.parametrize(
+    ("error", "extend"), [(StorageError("no room"), False), (KeyboardInterrupt, True)], ids=["full", "killed"]
+)
 def test_a_merge_that_ends_among_its_slabs_is_done_again(out, monkeypatch, slabs_of_one, error, extend):
     text = larger(SEQUENCE) if extend else SEQUENCE
     if extend:
@@ -116,12 +118,12 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
             tracemalloc.stop()
 
     monkeypatch.setattr(runner, "merge", merge)
-    text = VOLUMES.replace("interval = 50", "interval = 1").replace("hours = 0.25", "hours = 1")
-    for k, days in enumerate((1, 3, 12)):  # the first imports what is needed
+    text = TRACED.replace('"T_sup", "mode"', '"T_c"').replace("interval = 50", "interval = 1")
+    text = text.replace("hours = 0.25", "hours = 0.5")
+    for k, days in enumerate((1, 2, 4)):  # the first imports what is needed
         run(text.replace("seed = [1, 2, 3]", f"seed = {[*range(days)]}"), tmp_path / str(k))
-    assert sizes[2] > 4 * sizes[0] > 2**20
-    assert peaks[2] - peaks[1] < 0.2 * (sizes[2] - sizes[1]), (peaks, sizes)
-    assert peaks[2] < sizes[2] / 3
+    assert sizes[2] == 4 * sizes[0] > 2**18
+    assert peaks[2] - peaks[1] < 0.4 * (sizes[2] - sizes[1]), (peaks, sizes)
 
 
 # --- opened -----------------------------------------------------------------------------------------------------------
@@ -146,6 +148,7 @@ def test_traces_have_chunks_for_dask_that_are_read_one_by_one(out, slabs_of_one,
     assert shapes[:-1] == [(1, 1, 1, 8, 18)] * 12
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_summary_a_report_a_table_a_figure_and_a_status_load_no_trace(out, tmp_path, monkeypatch):
     text = TRACED.replace("backlash = [0.02", "backlash = [0.0, 0.02")
     run(text, out)
@@ -173,8 +176,8 @@ def test_an_unfinished_study_is_opened_without_traces_that_do_not_fit(out, monke
     assert "Unfinished: 8 of 12 scenarios (8 ok, 4 not_run)" in status(out)
 
 
-@pytest.mark.parametrize("text", [PLAIN + "predict = true\n", TRACED], ids=["predicted", "traced"])
-def test_metrics_that_stay_on_the_disk_are_the_same(out, text, monkeypatch):
+def test_metrics_that_stay_on_the_disk_are_the_same(out, monkeypatch):
+    text = TRACED + "predict = true\n"
     copied(text, out)
     eager = fc.open_study(out).load()
     monkeypatch.setattr(stored, "_MOST_METRICS", 0)

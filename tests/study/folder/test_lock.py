@@ -39,7 +39,8 @@ def test_the_note_of_the_holder_does_not_follow_a_link(folder, tmp_path):
         (b"x" * 10_000, "another run"),
     ],
 )
-def test_a_note_of_any_bytes_is_shown_as_text(folder, note, words):
+def test_a_note_of_any_bytes_is_shown_as_text(folder, monkeypatch, note, words):
+    monkeypatch.setattr("fastcoil.study.folder.folder._PATIENCE", 0.1)
     with hold(folder):
         (folder / ".holder").write_bytes(note)
         assert find_holder(folder) == words

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from helpers.full import full_but
 from helpers.studies import (
     DAYS,
     PLAIN,
@@ -30,33 +31,22 @@ from fastcoil.study.folder.results import open_study
 pytestmark = pytest.mark.kernel
 
 
-@pytest.mark.parametrize(
-    ("data", "sentence"),
-    [
-        (b"", "run.json is damaged"),
-        (b'{"study_sha', "run.json is damaged"),
-        (b"\xff\xfe", "run.json is damaged"),
-        (b"[1]", "run.json is damaged"),
-        (b"[" * 100_000, "run.json is damaged"),
+def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off):
+    path = broken_off / "run.json"
+    good = path.read_bytes()
+    for data, sentence in (
+        *((data, "run.json is damaged") for data in (b"", b'{"study_sha', b"\xff\xfe", b"[1]", b"[" * 100_000)),
         (b'{"format": 1}', "another version of fastcoil"),
         (b'{"format": 2}', "run.json is damaged"),
         (b'{"format": 3}', "another version of fastcoil"),
-    ],
-)
-def test_a_damaged_run_json_is_refused_and_nothing_is_lost(broken_off, data, sentence):
-    path = broken_off / "run.json"
-    good = path.read_bytes()
-    path.write_bytes(data)
-    before = {name: found for name, found in contents(broken_off).items() if name != ".lock"}
-    for what in (
-        lambda: run(PLAIN, broken_off),
-        lambda: maintenance.verify(broken_off),
-        lambda: maintenance.status(broken_off),
     ):
-        with pytest.raises(IntegrityError, match=sentence) as refused:
-            what()
-        assert refused.value.exit_code == 6
-    assert {name: found for name, found in contents(broken_off).items() if name != ".lock"} == before
+        path.write_bytes(data)
+        before = {name: found for name, found in contents(broken_off).items() if name != ".lock"}
+        for what in (lambda out: run(PLAIN, out), maintenance.verify, maintenance.status):
+            with pytest.raises(IntegrityError, match=sentence) as refused:
+                what(broken_off)
+            assert refused.value.exit_code == 6
+        assert {name: found for name, found in contents(broken_off).items() if name != ".lock"} == before
     path.write_bytes(good)
     assert resume(broken_off) == []
 
@@ -80,7 +70,7 @@ def test_a_lost_file_of_a_finished_study_is_written_again(out, name):
     assert (out / name).read_bytes() == good
 
 
-@pytest.mark.parametrize("data", [None, b"", b"[loop", b"\xff", b"[loop]\n"], ids=str)
+@pytest.mark.parametrize("data", full_but([None, b"", b"[loop", b"\xff", b"[loop]\n"], [None, b"[loop"]), ids=str)
 def test_a_damaged_study_toml_is_reported_and_written_again(broken_off, data):
     path = broken_off / "study.toml"
     path.unlink() if data is None else path.write_bytes(data)

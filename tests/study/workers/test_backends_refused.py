@@ -67,14 +67,14 @@ def test_a_backend_that_does_not_exist_is_refused(here, words, sentence):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://127.0.0.1:1", "tcp://127.0.0.1"])
 def test_an_address_without_a_scheduler_is_refused(here, monkeypatch, address):
-    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.5)
+    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.2)
     said = refused(here, "small.toml", "--backend", "dask", "--scheduler", address)
     assert f"no dask cluster answers at '{address}'" in said
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 200 OK\r\n\r\nhello"])
 def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
-    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 1.0)
+    monkeypatch.setattr(pools, "_WAIT_FOR_SCHEDULER", 0.4)
     with socket.create_server(("127.0.0.1", 0)) as server:
         talking = []
 
@@ -98,7 +98,7 @@ def test_something_else_at_the_address_is_refused(here, monkeypatch, answer):
 
 
 def test_a_scheduler_without_workers_is_refused(here, monkeypatch, tmp_path):
-    monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 1.0)
+    monkeypatch.setattr(pools, "_WAIT_FOR_WORKERS", 0.3)
     with cluster(tmp_path / "cluster", 0) as alone:
         said = refused(here, "small.toml", "--backend", "dask", "--scheduler", alone.address)
     assert f"fastcoil: no dask cluster answers at '{alone.address}'" in said

@@ -36,7 +36,7 @@ def tasks_on(client):
 
 
 def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_workers, monkeypatch):
-    cut(monkeypatch, 10)
+    cut(monkeypatch, 20)
     on_scheduler = []
     with two_workers.client() as client:
         execute(
@@ -46,7 +46,7 @@ def test_a_cluster_keeps_nothing_of_a_finished_shard(small_study, tmp_path, two_
             scheduler=two_workers.address,
             progress=lambda *_: lambda _: on_scheduler.append(tasks_on(client)),
         )
-    assert len(on_scheduler) == N_SCENARIOS / 10
+    assert len(on_scheduler) == N_SCENARIOS / 20
     # the job, three in flight, three whose results were fetched together
     assert max(on_scheduler) <= 7
 
@@ -84,7 +84,7 @@ def test_a_scenario_that_kills_the_workers_of_a_cluster_is_crashed(study, health
 
 @pytest.mark.alone
 def test_a_cluster_that_loses_a_worker_goes_on(study, golden, tmp_path, two_workers, monkeypatch):
-    cut(monkeypatch, 10)
+    cut(monkeypatch, 20)
     before = [p.poll() for p in two_workers.processes].count(None)
     harmed = failing_shards.harmful(study, failing_shards.killed, [35], once=tmp_path / "once")
     finished = execute(harmed, tmp_path / "one", backend="dask", scheduler=two_workers.address)
