@@ -65,7 +65,7 @@ STATEMENTS = [
     ("learning", "No worn valve of the population gets worse", 0, ("learners_worse", "identify"), 0, 0),
     ("learning", "hardly ever too high", 0, ("learners_cost", "too high", "identify"), 0, 0),
     ("wear", "changes by less than 0.1 %", 0, ("wear_energy", "gradient"), -0.1, 0.1),
-    ("wear", "no controller reduces that share by as much as 0.8 percentage points", 1, ("wear_energy", "gradient"), -0.8, 0),
+    ("wear", "by as much as 0.8 percentage points", 1, ("wear_energy", "gradient"), -0.8, 0),
     ("heating", "neither preset hunts", 0, ("heating_fresh", "hunting, worn", "own"), 0, 0),
     ("heating", "No valve of up to 15 % makes these loops hunt", 2, ("heating_backlash", "plain PI"), 0, 0),
     ("heating", "`identify` harms no good valve", 0, ("heating_backlash", "`identify`", "X = 0"), 0, 0),

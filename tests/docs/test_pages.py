@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 import fastcoil as fc
 from fastcoil.cli.main import main
+from fastcoil.model.metric_table import METRICS
 from fastcoil.study.file.spec import read_study
 from studies.__main__ import questions
 
@@ -130,6 +131,17 @@ def test_the_readme_shows_what_the_page_on_diagnosis_prints():
     page = ROOT / "docs" / "logs.md"
     assert command.removeprefix("$ ") in blocks(page, "sh")[0][1]
     assert set(lines) <= set(blocks(page, "text")[0][1].splitlines())
+
+
+def test_the_readme_counts_the_days_and_tunings_of_the_main_study():
+    plan = read_study(ROOT / "studies" / "robustness" / "robustness.toml").plan
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    assert f"{plan.n_scenarios:,} days: backlash × estimate × {plan.layout.sizes['tuning']} tunings" in readme
+
+
+def test_every_metric_is_in_the_table_of_metrics():
+    page = (ROOT / "docs" / "studies.md").read_text().split("| metric | meaning |")[1].split("\n\n")[0]
+    assert set(re.findall(r"`(\w+)`", page.replace("`hagglund`", ""))) == set(METRICS)
 
 
 def test_the_speeds_that_are_quoted_are_measured():

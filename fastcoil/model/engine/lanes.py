@@ -264,7 +264,7 @@ def run_block(
     rows, rows_after = trace_rows(before, block.common.n_volumes), trace_rows(after, block.common.n_volumes)
     n_points = wanted.n_points(day.series.shape[0])
     traces = np.empty((n_points, rows.size + rows_after.size, LANES))
-    metrics, status = np.empty((N_METRICS, LANES)), np.empty(LANES, dtype=np.int64)
+    metrics, status = np.full((N_METRICS, LANES), np.nan), np.empty(LANES, dtype=np.int64)
     work = work_space(block) if work is None else work
     emulate(block.rows, block.common, day, *work, metrics, status, rows, rows_after, wanted.interval, traces)
     for name, values in _of_estimator(block, work.own, day.command.size > 0).items():
