@@ -120,10 +120,10 @@ def write_lower(runs: Runs) -> None:
     table += [lower_row(name, everything, among) for name, among in groups.items() if np.any(among)]
     write_table(
         "buffer/buffer_lower",
-        f"The lower bound, {PER_HOUR:g} false turns per hour allowed: {everything.sizes['sample']} fresh valves and "
-        f"loops, {everything.sizes['day'] // len(runs.lower)} days of each kind, inverse of 95 %",
+        f"The lower bound, {PER_HOUR:g} false reversals per hour allowed: {everything.sizes['sample']} fresh valves "
+        f"and loops, {everything.sizes['day'] // len(runs.lower)} days of each kind, inverse of 95 %",
         ["days or loops", "need a buffer", "measured / formula (5 %, median, 95 %)", f"within a factor of {NEAR:g}",
-         "false turns per hour at 0, ½, 1, 2 × the bound, median", "turns per hour without noise",
+         "false reversals per hour at 0, ½, 1, 2 × the bound, median", "reversals per hour without noise",
          f"over {2 * PER_HOUR:g} at the bound",
          "travel at 0, ½, 1 ×, over that at 2 ×"],
         table,
@@ -150,8 +150,10 @@ def write_allowed(runs: Runs) -> None:
         )
     write_table(
         "buffer/buffer_allowed",
-        "The lower bound for other numbers of false turns, where some buffer fits; the same valves, loops and days",
-        ["false turns per hour", "need a buffer", "measured / formula (5 %, median, 95 %)",
+        "The lower bound for other numbers of false reversals, where some buffer fits: "
+        f"{everything.sizes['sample']} fresh valves and loops, {everything.sizes['day'] // len(runs.lower)} days of "
+        "each kind",
+        ["false reversals per hour", "need a buffer", "measured / formula (5 %, median, 95 %)",
          f"within a factor of {NEAR:g}", f"over {NEAR:g} × the formula"],
         table,
     )  # fmt: skip
@@ -172,9 +174,9 @@ def write_noise() -> None:
     rows.append([f"(range in {60.0 / PER_HOUR:g} min, over σ)", *(f"{x:.1f}" for x in shown)])
     write_table(
         "buffer/buffer_noise",
-        "The lower bound over kp σ by sample time, and the mean peak to peak of the noise between two of "
-        f"{PER_HOUR:g} turns per hour",
-        ["false turns per hour", *(f"{t:g} s" for t in TIMES)],
+        "The lower bound over kp σ by sample time, and the mean peak-to-peak noise between two false reversals at "
+        f"{PER_HOUR:g} per hour",
+        ["false reversals per hour", *(f"{t:g} s" for t in TIMES)],
         rows,
     )
 
@@ -292,8 +294,8 @@ def write_upper(runs: Runs) -> None:
             table.append(upper_row(f"{kind}, inverse of 100 %, {words}", runs.upper[kind].isel(share=exact), which))
     write_table(
         "buffer/buffer_upper",
-        "The upper bound: settled RMSE behind buffers for a swing of so many K, against no buffer (median of the "
-        f"valves, 95 % of them), and hunting; no noise, {len(valves.kp)} fresh valves and loops",
+        "The upper bound: settled RMSE with the buffer that allows the given swing in K, relative to no buffer (median "
+        f"and 95th percentile of the valves), and hunting; no noise, {len(valves.kp)} fresh valves and loops",
         ["days", "RMSE without buffer, K", *(f"{swing:g} K" for swing in SWINGS[1:]),
          "√(RMSE² - RMSE₀²) / swing at 0.2 K (5 %, median, 95 %)"],
         table,

@@ -118,7 +118,8 @@ def write_rules(runs: Runs) -> None:
     )  # fmt: skip
     write_table(
         "buffer/buffer_rules_by_days",
-        "The same by kind of days: mean change of RMSE against plain PI (95 %), and motor travel of the median valve",
+        "The buffer of an inverse of 95 %, by kind of day: mean change of RMSE against plain PI (95 %), and motor "
+        "travel of the median valve",
         ["buffer", *runs.rules],
         ([rule, *(f"{change(d, rule, PI)}, × {travel_of(d, rule):.2f}" for d in runs.rules.values())]
          for rule in RULES[1:]),
@@ -151,8 +152,9 @@ def write_crossing(runs: Runs) -> None:
             )
     write_table(
         "buffer/buffer_crossing",
-        f"Where no buffer fits: {PER_HOUR:g} false turns per hour need more than {ALLOWED:g} K of swing allows; "
-        "change of RMSE against plain PI with the gains as they are (95 %), and motor travel of the median valve",
+        f"Loops for which no buffer fits, and the others.  None fits where holding false reversals to {PER_HOUR:g} per "
+        f"hour needs a wider buffer than a swing of {ALLOWED:g} K allows; change of RMSE against plain PI with "
+        "existing gains (95 %), and motor travel of the median valve",
         ["loops", "share", "median noise in K, kp K", "shipped below the lower, above the upper bound", *CROSSING],
         table,
     )
@@ -176,8 +178,8 @@ def write_constants(choice: Runs, fresh: Runs) -> None:
     n = [len(runs.valves[False].kp) for runs in (choice, fresh)]
     write_table(
         "buffer/buffer_constants",
-        f"The two constants: in use, as {n[0]} valves of the choice give them (95 % over valves), as {n[1]} fresh ones "
-        "would",
+        f"The two fitted constants: as used, as fitted to the {n[0]} valves of the choice (95 % over valves), and as "
+        f"fitted to {n[1]} fresh valves",
         ["of", "in use", "choice", "fresh"],
         found,
     )

@@ -151,8 +151,8 @@ def write_claim(found: Mapping[str, xr.Dataset]) -> None:
             rows.append([kind, name, *cells])
     write_table(
         "cost/cost_claim",
-        f"Does {_GAP} raise it by more than {NOTABLE:g} %?  Share of the valves, against the same valve "
-        f"without a gap under the same plain PI (95 % over valves): {_sizes(found)}",
+        f"Share of the valves for which {_GAP} raises each quantity by more than {NOTABLE:g} %, compared with the same "
+        f"valve without a gap under the same plain PI (95 % over valves): {_sizes(found)}",
         ["days", "valves", *(text for m, text in _SUMS.items() if m != AIR)],
         rows,
     )
@@ -168,8 +168,8 @@ def write_sums(found: Mapping[str, xr.Dataset]) -> None:
             rows.append([kind, name, *(written(at[m]) for m in _SUMS), f"{between(at[BILL])} %"])
     write_table(
         "cost/cost_sums",
-        f"What {_GAP} changes under plain PI as found: median over the valves (95 % over valves and days), "
-        f"against the same valve without a gap; {_sizes(found)}",
+        f"Effect of {_GAP} under plain PI with existing gains: median over the valves (95 % over valves and days), "
+        f"compared with the same valve without a gap; {_sizes(found)}",
         ["days", "valves", *_SUMS.values(), "bill with reheat, 5 to 95 % of the valves"],
         rows,
     )
@@ -198,7 +198,7 @@ def write_by_backlash(found: Mapping[str, xr.Dataset]) -> None:
     ]
     write_table(
         "cost/cost_backlash",
-        f"Plain PI as found by the size of the gap, mean of all kinds of cooling days: median over "
+        f"Plain PI with existing gains, by size of the gap; mean of all kinds of cooling days: median over "
         f"{joined.sizes['sample']} valves (95 % over valves and {joined.sizes['day']} days of each kind).  Without a "
         f"gap a valve pays {base:,.0f} USD a year of 365 such days",
         ["gap", "peak of 15 min", "bill", "USD a year", "5 to 95 % of the valves", f"bill over {NOTABLE:g} % up",
@@ -234,7 +234,7 @@ def write_remedies(found: Mapping[str, xr.Dataset]) -> None:
             )
     write_table(
         "cost/cost_remedies",
-        f"What other control of a valve with {_GAP} changes, against plain PI as found: median over the "
+        f"Effect of other controls of a valve with {_GAP}, compared with plain PI with existing gains: median over the "
         f"valves (95 % over valves and days); {_sizes(found)}",
         ["days", "control", *(_SUMS[m] for m in (PEAK, WITHOUT, EVENED, BILL)), "USD a year", "motor travel",
          "hours off by 0.5 K a day"],

@@ -180,9 +180,9 @@ def main(size: int = VALVES) -> None:
             done(kind)
     write_table(
         "cost/zone",
-        f"Fan, pump, chiller and reheat behind a coil with a gap, against the same loop without: change of the mean "
-        f"of a day, % (95 % over valves and days); {size} valves × {DAYS} days; last round: change of electricity by "
-        f"the last of {ROUNDS} rounds, 95 % of the loops",
+        f"Fan, pump, chiller and reheat behind a coil with a gap, against the same loop without: change of the daily "
+        f"mean, % (95 % over valves and days); {size} valves × {DAYS} days; last round: how much the last of {ROUNDS} "
+        "iterations between coil and rooms changed the electricity, 95 % of the loops",
         HEAD,
         table,
     )

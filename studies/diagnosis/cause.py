@@ -176,7 +176,8 @@ def main() -> None:
         rows += counted(kind, [(one.true, one.said) for one in found])
     write_table(
         "diagnosis/diagnosis_cause",
-        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; answers by truth",
+        f"Why loops swing: {VALVES} valves on a day of each kind, logged every {LOGGED} s; diagnosed cause by true "
+        "cause",
         ["day", "truth", "loops", *ANSWERS],
         rows,
     )
@@ -195,7 +196,7 @@ def main() -> None:
     summary.append(["a backlash above 1 %, of good valves", str(sum(accused)), "–", of_logs(accused)])
     write_table(
         "diagnosis/diagnosis_answers",
-        f"The same {len(everything)} logs by answer",
+        f"{len(everything):,} logs, grouped by the cause and the backlash that `diagnose` gives",
         ["answer", "logs", "right of these", "share of the logs of which it is true"],
         summary,
     )

@@ -273,5 +273,5 @@ def main() -> None:
     title = (
         f"{POOLS[1].days} steady days of 8 h, logged every {POOLS[1].seconds} s, with air flow and T_in: worn valves"
     )
-    head = ["turns by more than the gap", "valves", "claimed"]
+    head = ["reversals by more than the gap", "valves", "claimed"]
     write_table("diagnosis/claims_turns", title, head, by_turns(POOLS[1]))

@@ -258,7 +258,7 @@ def main() -> None:
     write_table(
         "heating/heating_choice",
         f"Gains for both coils on {SEARCH_SIZE} conditions without backlash: overshoot of a step of {STEP:g} K and "
-        "settling time to 5 % of it in s, both the 95 % quantile; the pairs that settle about as soon as the chosen",
+        "settling time to 5 % of it in s, both the 95 % quantile; pairs that settle about as fast as the chosen pair",
         ["kp, 1/K", "ti, s", "`heating`", "`heating_45`", f"overshoot up to {MOST_OVERSHOOT:.0%} on both"],
         rows,
     )

@@ -87,10 +87,11 @@ def write_backlash(ds: xr.Dataset, limit: float) -> None:
     grows, changes = slopes(ds.swing, of_gap), slopes(ds.period, of_gap)
     write_table(
         "hunting/hunting_backlash",
-        f"The same {ds.sizes['sample']} loops × {ds.sizes['day']} conditions with every backlash; {int(ok.sum()):,} "
-        f"can hold their set-point.  Of those that cycle with every gap, but not without ({int(of_gap.sum()):,}), the "
-        f"swing grows with the backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to {grows[2]:.2f}), the period "
-        f"to the power {changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, 10 and 90 %.  "
+        f"Hunting by size of backlash: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions, each with every "
+        f"backlash; {int(ok.sum()):,} can hold their set-point.  Of those that cycle with every gap, but not without "
+        f"({int(of_gap.sum()):,}), the swing grows with the backlash to the power {grows[0]:.2f} ({grows[1]:.2f} to "
+        f"{grows[2]:.2f}), the period to the power {changes[0]:.2f} ({changes[1]:.2f} to {changes[2]:.2f}); medians, "
+        "10 and 90 %.  "
         f"Of those that are calm without a gap and have a margin above {limit:g} ({int(warned.sum()):,}) "
         f"{share_of(at_one.cycles, warned)} cycle with one of 1 %",
         ["backlash X", "cycle", "hunt, over 0.1 K", "cycle, but not at 1 %", "do not, but at 1 %",
@@ -119,7 +120,7 @@ def write_bands(ds: xr.Dataset) -> None:
         )  # fmt: skip
     write_table(
         "hunting/hunting_bands",
-        f"What becomes of a loop, by its margin at 7 %: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions",
+        f"How loops behave, by their margin at 7 % backlash: {ds.sizes['sample']} loops × {ds.sizes['day']} conditions",
         ["margin", "loops", *(f"cycle at X = {x:.0%}" for x in (0.0, 0.01, 0.03, 0.07, 0.15)),
          "swing / (X K) at 7 %", "period / (T + θ) at 7 %"],
         table,
@@ -180,9 +181,9 @@ def write_start(ds: xr.Dataset) -> None:
     alone = str(share_of(ds.cycles.sel(kick=0.0, drop=True), any_kick))
     write_table(
         "hunting/hunting_start",
-        f"Loops that come to their set-point in {RAMP} h without a turn of the valve, stand still, and are kicked by a "
-        f"set-point elsewhere for an hour: share that cycles in the last of {AFTER} h "
-        f"more; of those that cycle after any kick {alone} do without one",
+        f"Does a cycle need a disturbance to start?  The loop reaches its set-point over {RAMP} h without reversing "
+        "the valve and rests; the set-point is then moved for one hour (the kick).  Share of loops that cycle at the "
+        f"end of {AFTER} more hours; of those that cycle after any kick {alone} do without one",
         ["margin", "loops", *(f"kick {kick:g} K" if kick else "no kick" for kick in KICKS)],
         table,
     )
@@ -258,6 +259,6 @@ def write_parts(ds: xr.Dataset) -> None:
         "hunting/hunting_parts",
         f"Change of the lowest kp at which a loop hunts, against {list(CHANGES)[0].removeprefix('as it is: ')}: "
         f"{ds.sizes['sample']} loops × {ds.sizes['day']} conditions, geometric mean (95 % over valves and conditions)",
-        ["change", "loops", "simulated", "foreseen from the margin", "simulated over foreseen, 10 to 90 %"],
+        ["change", "loops", "simulated", "predicted from the margin", "simulated over predicted, 10 to 90 %"],
         table,
     )

@@ -96,7 +96,7 @@ def write_cost(ds: xr.Dataset, names: list[str]) -> None:
         table.append([*row, f"× {float(travel.median()):.2f}", share_of(at.hunts > 0, at.hunts.notnull()).written(1)])
     write_table(
         "hunting/hunting_cost",
-        f"RMSE with the best gains that obey a rule, against the best of {len(KP) * len(TI)} without one: geometric "
+        f"RMSE with the best gains that meet a rule, against the best of {len(KP) * len(TI)} without one: geometric "
         f"mean (95 % over valves and days); {ds.sizes['sample']} valves, {len(FRESH_DAYS)} fresh days of each kind",
         ["gains", *names, "motor travel, median", "hunt"],
         table,
@@ -169,8 +169,9 @@ def write_cures(ds: xr.Dataset, names: list[str]) -> None:
     n, m = (int(of.any("day").sum()) for of in (ds.ill, ds.short))
     write_table(
         "hunting/hunting_cures",
-        f"What becomes of {ds.sizes['sample']} valves on {len(FRESH_DAYS)} days of each kind: of {n} that the formula "
-        f"expects to hunt, and of {m} that it does not, but with Ti < T; shares with 95 % over valves and days",
+        f"Effect of each cure, {ds.sizes['sample']} valves on {len(FRESH_DAYS)} days of each kind: on the {n} that the "
+        f"formula expects to hunt, and on {m} that it does not but that have Ti < T; shares with 95 % intervals over "
+        "valves and days",
         ["gains", "hunt", *(f"RMSE {kind}, median" for kind in names), "motor travel, median",
          "RMSE of those that do not hunt, but have Ti < T: 5 %, median, 95 %"],
         table,

@@ -55,8 +55,8 @@ def write_one_step(formula: Rule, limit: float, ds: xr.Dataset) -> None:
         table.append([name, *errors(found, formula), *more[1:]])
     write_table(
         "hunting/hunting_one_step",
-        f"The formula from a single step of each valve, for all its other conditions: {ds.sizes['sample']:,} fresh "
-        f"loops × {ds.sizes['day']} conditions",
+        f"The formula with K, T and θ from a single step test of each valve, applied to all its other conditions: "
+        f"{ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} conditions",
         ["the step was made", f"limit {formula.limit:g}: right", "of those that hunt", "of the calm",
          f"limit {limit:g}: of those that hunt", "of the calm"],
         table,
@@ -95,7 +95,7 @@ def write_by_backlash(rules: list[Rule], ds: xr.Dataset) -> None:
     of = [f"{name}: {what}" for name in SHOWN for what in ("right", "of those that hunt")]
     write_table(
         "hunting/hunting_by_backlash",
-        f"The same by backlash: {ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} conditions",
+        f"Predictions of hunting by backlash: {ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} conditions",
         ["backlash", "hunt", *of],
         table,
     )
@@ -126,9 +126,9 @@ def write_practice(rules: list[Rule], ds: xr.Dataset) -> None:
         )
     write_table(
         "hunting/hunting_practice",
-        f"Rules of thumb: what becomes of those who obey; {ds.sizes['sample']:,} fresh loops × {ds.sizes['day']} "
-        "conditions",
-        ["rule", "obey", "hunt although they obey", "hunt of those that do not", "calm loops that it forbids"],
+        f"Rules of thumb, and how often the loops that meet them hunt; {ds.sizes['sample']:,} fresh loops × "
+        f"{ds.sizes['day']} conditions",
+        ["rule", "meet it", "hunt although they meet it", "hunt of those that do not", "calm loops that it forbids"],
         table,
     )
 
@@ -145,7 +145,8 @@ def write_days(rules: list[Rule], found: Mapping[str, xr.Dataset]) -> None:
     of = [f"{name}: {what}" for name in SHOWN for what in ("right", "of those that hunt", "of the calm")]
     write_table(
         "hunting/hunting_days",
-        "The same limits on days with noise on which air, water and set-point move, foreseen from the means of the day",
+        "Rules for hunting on days with noise and with varying air, water and set-point: predictions from the mean "
+        "conditions of the day",
         ["days", "loops × days", "hunt", *of],
         table,
     )

@@ -335,21 +335,21 @@ def main() -> None:
     judged = {name: Judged.of(case.seen, case.predicted) for name, case in cases.items()}
     write_table(
         "hunting/limit_cycles",
-        f"What is predicted beside what happens: random loops × plants × {POINTS} operating points, seed {FRESH}; of "
-        "those whose set-point can be held",
+        f"Prediction compared with simulation: random loops × plants × {POINTS} operating points, seed {FRESH}; only "
+        "cases whose set-point can be held",
         ["loops", *HEAD],
         ([POPULATIONS[name].words, *of.cells()] for name, of in judged.items()),
     )
     plain = {name: cases[name] for name in PLAIN}
     write_table(
         "hunting/limit_cycles_where",
-        "Where it is wrong: the plain loops of cooling and heating by what they are",
+        "Where the prediction is wrong: plain PI loops in cooling and heating, by property",
         ["of the plain loops", *HEAD],
         rows_where(judged, plain),
     )
     write_table(
         "hunting/limit_cycles_parts",
-        "What each part of the theory earns, plain loops of cooling; heating",
+        "Contribution of each part of the theory, for plain PI loops in cooling and in heating",
         ["what theory counts", *HEAD],
         (
             [f"{part}; {name}", *Judged.of(case.seen, predicted_with(case.loop, case.days, of)).cells()]
@@ -359,8 +359,8 @@ def main() -> None:
     )
     write_table(
         "hunting/limit_cycles_days",
-        f"Foretold from the mean conditions of a day, beside metric `hunts` of that day: {len(DAY_SEEDS)} days of each "
-        f"kind, {LOOPS} loops",
+        f"Prediction from the mean conditions of a day compared with the metric `hunts` of that day: {len(DAY_SEEDS)} "
+        f"days of each kind, {LOOPS} loops",
         ["days", *HEAD],
         rows_of_days(),
     )

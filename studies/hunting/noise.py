@@ -126,16 +126,18 @@ def sample() -> None:
 def main() -> None:
     """Write the tables."""
     ds = population(SEED, VALVES, DAYS)
-    of = f"{VALVES} fresh valves × {ds.sizes['day']} conditions that stand still"
+    of = f"{VALVES} fresh valves × {ds.sizes['day']} constant conditions"
     noises = [f"noise {noise:g} K" for noise in NOISE]
     write_table("hunting/hunting_noise", f"Share of the loops that hunt, by {INDEX}: {of}",
                 ["gap", "index", "loops", *noises], by_index(ds))  # fmt: skip
-    write_table("hunting/hunting_noise_limits", f"Those who obey, and hunt although they do, with a gap: {of}",
-                ["rule", "obey", *noises, "calm loops that it forbids, without noise"], by_limit(ds))  # fmt: skip
+    write_table("hunting/hunting_noise_limits",
+                f"Share of hunting loops among those that meet each rule, with a gap: {of}",
+                ["rule", "meet it", *noises, "calm loops that it forbids, without noise"], by_limit(ds))  # fmt: skip
     heads = [f"{noise}, index up to {limit:g}" for limit in (5.0, 3.0) for noise in noises]
-    write_table("hunting/hunting_noise_sampling", f"Share that hunts though it obeys, by sample time, with a gap: {of}",
+    write_table("hunting/hunting_noise_sampling",
+                f"Share of hunting loops among those that meet the rule, by sample time, with a gap: {of}",
                 ["sample time", *heads], by_sample_time(ds))  # fmt: skip
     heads = [f"{name}: {what}" for name in ("`fc.limit_cycle`", f"{INDEX} > {LIMITS[0]:g}")
              for what in ("right", "of those that hunt", "of the calm")]  # fmt: skip
-    write_table("hunting/hunting_noise_predicted", f"What is predicted, at each noise: {of}",
+    write_table("hunting/hunting_noise_predicted", f"Predictions of hunting at each level of noise: {of}",
                 ["gap", "noise", "hunt", *heads], predicted(ds))  # fmt: skip

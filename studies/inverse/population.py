@@ -73,7 +73,7 @@ def benefit() -> None:
         )
     write_table(
         "inverse/population_learners",
-        "What became of the learners, and learned over true backlash",
+        "Final status of the learners, and final estimates relative to the true backlash",
         [
             "controller",
             "valves × days",

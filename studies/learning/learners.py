@@ -139,7 +139,7 @@ def write(runs: list[Run]) -> None:
     )
     write_table(
         "learning/learners_twenty",
-        "The same by 20 % of the backlash alone",
+        "Wrong estimates at the end: off by more than 20 % of the backlash, however small",
         ["condition", *finding],
         failure_rows(runs, one=0.0),
     )

@@ -135,14 +135,14 @@ def recommendations(ds: xr.Dataset, of: xr.Dataset) -> None:
         )  # fmt: skip
     write_table(
         "learning/learning_choice",
-        "What to ship",
+        "The learning rule and settings to ship, for each loop and noise",
         ["loop", "noise, K", "rule", "step", "interval", "ratio", "buffer", "safe?", "failures: days chosen on",
          f"{days.n_days} fresh days"],
         ship,
     )  # fmt: skip
     write_table(
         "learning/learning_cost",
-        f"What it does on the {days.n_days} fresh days: medians",
+        f"Performance of the chosen learning rules on the {days.n_days} fresh days: medians",
         ["loop", "noise, K", "reached, min", "confirmed, min", "never confirmed", "error of the estimate, %",
          "RMSE against plain PI, %", "RMSE against known backlash, %", "motor travel / plain PI",
          "switches per 10 min; plain PI"],

@@ -315,15 +315,19 @@ def main(n: int = VALVES) -> None:
     for k, move in enumerate(MOVES):
         found[move] = measured(move, SEED + k, n if move in SIZED else n // 2)
         print(move, "done", flush=True)
-    of = f"{n} loops with each way that has a size, {n // 2} with others, a day of {HOURS} h each"
-    write_table("least_movement/least_movement", f"Set-points that move every half hour: {of}",
+    of = f"{n} loops for steps and for ramps, {n // 2} for each other set-point pattern, one {HOURS}-h day each"
+    write_table("least_movement/least_movement",
+                f"Set-points that move every half hour: {n} loops for steps and for ramps, one {HOURS}-h day each",
                 ["set-point", "step / (X K)", *HEAD], by_ratio(found))  # fmt: skip
-    write_table("least_movement/least_movement_collapse", f"Share claimed of the steps, by gap and by noise: {of}",
+    write_table("least_movement/least_movement_collapse",
+                f"Share of the loops with set-point steps whose gap is claimed, by gap and by noise: {n} loops, one "
+                f"{HOURS}-h day each",
                 ["step / (X K)", *(f"gap {gap:.0%}" for gap in GAPS), *(f"noise {noise:g} K" for noise in NOISE)],
                 collapse(found["steps"]))  # fmt: skip
-    write_table("least_movement/least_movement_ways", f"Ways in which set-points move: {of}",
+    write_table("least_movement/least_movement_ways", f"Set-point patterns compared: {of}",
                 ["set-point", "gap", *HEAD, "good valves accused", "RMSE, median, K"], by_move(found))  # fmt: skip
-    write_table("least_movement/least_movement_turns", f"The same by turns of the stem, all ways together: {of}",
-                ["turns", *HEAD, "bound × K, median, mK", "the same × √turns",
+    write_table("least_movement/least_movement_turns",
+                f"Claims and estimates by reversals of the stem, all set-point patterns pooled: {of}",
+                ["reversals", *HEAD, "bound × K, median, mK", "the same × √reversals",
                  "rms error of claims / rms bound"], by_turns(found))  # fmt: skip
     draw(found)

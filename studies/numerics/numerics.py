@@ -167,8 +167,8 @@ def write_kinds(found: Mapping[str, xr.Dataset]) -> None:
     one = next(iter(found.values()))
     write_table(
         "numerics/convergence_kinds",
-        f"Days of {one.sizes['day']} on which each preset hunts, and mean swing, K, as printed → converged → in "
-        f"{FINEST[1]} substeps",
+        f"Number of days, of {one.sizes['day']}, on which each preset hunts, and mean swing, K, as printed → converged "
+        f"→ in {FINEST[1]} substeps",
         ["days", "preset", *(f"{what}, X = {x:.0%}" for x in BACKLASH for what in ("hunts", "swing"))],
         rows,
     )
@@ -241,7 +241,8 @@ def write_closure() -> None:
     """Write the energy balance: c_p,a of Eq (4) is constant, that of moist air is not."""
     write_table(
         "numerics/closure",
-        "Energy at rest, c_p,a 1.02 kJ/(kg K): heat that the water takes against the enthalpy that the air loses",
+        "Energy balance in steady state, c_p,a 1.02 kJ/(kg K): heat taken up by the water compared with the enthalpy "
+        "lost by the air",
         ["humidity ratio, g/kg", "command", "wet volumes", "water, kW", "air, kW", "water over air"],
         closure(),
     )

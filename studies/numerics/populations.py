@@ -122,8 +122,9 @@ def write_remedies(found: Mapping[str, Mapping[str, xr.Dataset]]) -> None:
     one = next(iter(found.values()))["plain PI"]
     write_table(
         "numerics/convergence_remedies",
-        f"What controllers gain and find, as printed → converged: {one.sizes['sample']} valves as somebody left them × "
-        f"{one.sizes['day']} days of each kind; right is within 20 % of the backlash or 1 % of the stroke",
+        f"Benefit of controllers and accuracy of estimators, as printed → converged: {one.sizes['sample']} valves with "
+        f"existing gains × {one.sizes['day']} days of each kind; an estimate is right within 20 % of the backlash or "
+        "1 % of the stroke",
         ["days", "controller", "RMSE against the plain PI, median", "lower RMSE", "better or worse changes",
          "estimate right", "right or wrong changes"],
         rows,
@@ -161,7 +162,8 @@ def write_rest(ds: xr.Dataset) -> None:
             rows.append([f"{name} ({int(among.sum())})", str(n), *cells])
     write_table(
         "numerics/convergence_wet",
-        f"Coils at rest of N volumes against 64, over {ds.sizes['day']} openings and humidities; median, largest",
+        f"Steady state of coils with N volumes compared with 64, over {ds.sizes['day']} combinations of opening and "
+        "humidity: difference, median, largest",
         ["with 64 volumes (cases)", "N", "heat, % of the heat", "heat of condensation, % of the heat", "T_sup, K"],
         rows,
     )

@@ -108,14 +108,15 @@ def main(size: int = LOOPS) -> None:
     limits = (f"minutes to {limit:g} K, of these" for limit in APART)
     write_table(
         "numerics/traces",
-        "Two runs whose entering air differs by 1e-9 K: how many supply temperatures come apart, and after how long, "
-        "median (5 to 95 %)",
+        "Two runs whose entering air differs by 1e-9 K: share of supply temperatures that diverge, and time until they "
+        "do, median (5 to 95 %)",
         ["days", "loops", "noise", "n", f"come apart by {APART[-1]:g} K in 8 h", *limits],
         times,
     )
     write_table(
         "numerics/traces_metrics",
-        "The same: by how much metrics of the day differ, median · 95 % of the loops",
+        "Two runs that differ by 1e-9 K in the entering air, or in the seed of the noise: difference of the daily "
+        "metrics, median · 95th percentile of the loops",
         ["days", "loops", "noise", "metric", "nudged by 1e-9 K", "another seed of the noise"],
         changes,
     )

@@ -19,8 +19,8 @@ from studies.paper.grid import KINDS, T_SET, Days, replaced, stepped
 from studies.paper.regenerate import regenerate
 
 TITLES = {
-    "scorecard_changes": "What changes with the kind of day: claims that hold more often on one kind than on another",
-    "scorecard": "What does not change with the kind of day",
+    "scorecard_changes": "Claims that depend on the kind of day",
+    "scorecard": "Claims that do not depend on the kind of day",
 }
 
 

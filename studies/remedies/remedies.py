@@ -55,7 +55,7 @@ def write_found(found: dict[str, xr.Dataset]) -> None:
     cost = {row[0]: row for row in cost_rows(found, DRAWN)}
     write_table(
         "remedies/remedies_found",
-        f"RMSE with the gains as found: mean change against plain PI with these gains (95 %); "
+        f"RMSE with existing gains: mean change against plain PI with these gains (95 %); "
         f"{ds.sizes['sample']} valves, {first.sizes['day']} days of each kind",
         [
             "remedy",
@@ -147,8 +147,9 @@ def write_valves(found: dict[str, dict[str, xr.Dataset]]) -> None:
     ds = next(iter(next(iter(found.values())).values()))
     write_table(
         "remedies/remedies_valves",
-        f"Valves as they are, gains of SIMC: mean change of RMSE against plain PI on the same valve (95 %), motor "
-        f"travel of the median valve, place by RMSE; {ds.sizes['sample']} valves, {ds.sizes['day']} days of each kind",
+        f"Valves with neutral zone, slip or leakage, SIMC gains: mean change of RMSE against plain PI on the same "
+        f"valve (95 %), motor travel of the median valve, rank by RMSE; {ds.sizes['sample']} valves, {ds.sizes['day']} "
+        "days of each kind",
         ["remedy", *found],
         rows(found),
     )

@@ -123,13 +123,13 @@ def write(
         )
         write_table(
             f"remedies/{of}_cost",
-            f"The same on all kinds of days: single valves, motor and hunting; {where}",
+            f"Remedies with {gains} on all kinds of days: single valves, motor and hunting; {where}",
             COST,
             cost_rows(found, baseline),
         )
         write_table(
             f"remedies/{of}_by_backlash",
-            f"The same by true backlash: median change of RMSE on all kinds of days; {where}",
+            f"Remedies with {gains} by true backlash: median change of RMSE on all kinds of days; {where}",
             ["remedy", *(f"{x:.0%}" for x in np.unique(sizes))],
             backlash_rows(found, baseline, sizes),
         )

@@ -150,8 +150,8 @@ def main() -> None:
     """Write the table."""
     write_table(
         "robustness/best_pi",
-        f"The plain PI of each preset: own gains, the best of {KP.size * TI.size} on {len(SEARCH_DAYS)} other days, "
-        f"and those of SIMC; {len(FRESH_DAYS)} fresh days, backlash 7 %, noise {NOISE:g} K",
+        f"The plain PI of each preset: its own gains, the best of {KP.size * TI.size} pairs on {len(SEARCH_DAYS)} "
+        f"other days, and SIMC gains; {len(FRESH_DAYS)} fresh days, backlash 7 %, noise {NOISE:g} K",
         ["plant", "days", "tuning", "kp in 1/K, ti in s", "RMSE, K", "change of RMSE (95 % over days)",
          "settled RMSE, K", "motor travel, strokes", "reversals", "hunting"],
         (row for preset in PRESETS for row in rows(preset)),

@@ -191,8 +191,8 @@ def main() -> None:
     fresh = f"{FRESH_VALVES} fresh valves, {len(FRESH_DAYS)} fresh days of each kind"
     write_table(
         "tuning/tuning_failures",
-        "Where a tuning fails: RMSE above that of the preset beyond chance, or more than "
-        f"{100 * HUNTING:.0f} % hunting; {fresh}",
+        "Where a tuning fails: RMSE significantly above that of the preset, or significantly more than "
+        f"{100 * HUNTING:.0f} % of the days hunting; {fresh}",
         ["loop", "days", "tuning", "valves", "change of RMSE (95 %)", "hunting (95 %)"],
         failed,
     )

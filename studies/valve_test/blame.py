@@ -55,7 +55,7 @@ def main() -> None:
     rows = []
     for kind, found in zip(KINDS, of_kinds, strict=True):
         rows += counted(kind, [(one.true, one.tested) for one in found])
-    title = f"Why loops swing, after a test: {VALVES} valves on a day of each kind; answers by truth"
+    title = f"Why loops swing, after a test: {VALVES} valves on a day of each kind; diagnosed cause by true cause"
     write_table("valve_test/blame", title, ["day", "truth", "loops", *ANSWERS], rows)  # fmt: skip
     summary = []
     for answer in CAUSES:
@@ -68,4 +68,5 @@ def main() -> None:
         summary.append(row)
     head = [f"{what}, {way}" for way in (f"log of {BEFORE:.0f} h alone", "with the test")
             for what in ("answers", "right of these", "share of the true ones")]  # fmt: skip
-    write_table("valve_test/blame_answers", f"The same {len(everything)} loops by answer", ["cause", *head], summary)
+    title = f"Causes diagnosed from the log alone and with the test: {len(everything)} loops"
+    write_table("valve_test/blame_answers", title, ["cause", *head], summary)

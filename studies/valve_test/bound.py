@@ -131,5 +131,5 @@ def main() -> None:
         rows.append([name, *row(bounded(case, SEED + k))])
         print(rows[-1], flush=True)
     write_table(
-        "valve_test/valve_test_bound", "How well a reading could tell the gap, and how well this one does", HEAD, rows
+        "valve_test/valve_test_bound", "The Cramér–Rao bound of the gap, and the error of this reading", HEAD, rows
     )

@@ -71,5 +71,8 @@ def sample() -> None:
 def main() -> None:
     """Write what the best relays tell on other valves, beside the shipped one."""
     rows = [shown(fc.ValveTest(start=START), SHIPPED), *map(shown, optimised())]
-    title = f"The relays of 20 min that tell most, of {TRIED} drawn, within {LIMIT:g} K: {VALVES} other valves"
+    title = (
+        f"The most informative 20-min relay tests of {TRIED} drawn at random, excursion limit {LIMIT:g} K: "
+        f"{VALVES} other valves"
+    )
     write_table("valve_test/valve_test_optimised", title, HEAD, rows)

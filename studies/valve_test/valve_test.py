@@ -285,10 +285,10 @@ def main() -> None:
         label: [f"{int(((row.aborted == k) & row.began).sum())}" for k in range(1, len(TEST_ABORTED))]
         for label, row in asked.items()
     }
-    write_table("valve_test/valve_test_aborted", "Tests that ended before their time, by reason",
+    write_table("valve_test/valve_test_aborted", "Tests that were aborted, by reason",
                 ["tests", *(word.replace("_", " ") for word in TEST_ABORTED[1:])],
                 [[label, *counts] for label, counts in reasons.items()])  # fmt: skip
-    table("valve_test_harder", f"The same where something is worse than usual: 20 min, {many}", HARDER, 20)
+    table("valve_test_harder", f"Valve tests under harder conditions: 20 min, {many}", HARDER, 20)
     table("valve_test_sequences", f"Sequences of 20 min compared: 128 valves on {DAYS} days", SEQUENCES, 40, 128)
     claimed_over_time()
     picture()

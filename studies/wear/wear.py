@@ -189,7 +189,7 @@ def write(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
     worn = [run for run in runs if not run.sequence.is_good]
     by_law = [run for run in worn if not run.sequence.in_steps]
     names = [LABELS[name] for name in others()]
-    sizes = f"{runs[0].ds.sizes['sample']} valves × {DAYS} days that stand for a year"
+    sizes = f"{runs[0].ds.sizes['sample']} valves × {DAYS} days that represent a year"
     write_table(
         "wear/wear_follow",
         f"Wrong estimates in the last {LAST} days: off by more than 20 % of the gap and 1 % of the stroke; {sizes} "
@@ -206,22 +206,23 @@ def write(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
     )
     write_table(
         "wear/wear_energy",
-        "Heat that the air lacks of its set-point or has above it, under plain PI, as a share of the coil's; then the "
-        "change of the coil's heat, and of that share in points; the year of the median valve",
+        "Under plain PI: heat needed to bring the supply air to its set-point (reheat plus recooling), as a share of "
+        "the coil's heat.  Other controllers: change of the coil's heat, and change of that share in percentage "
+        "points; a year of the median valve",
         ["days", LABELS[PI], *names],
         energy_rows(by_law),
     )
     write_table(
         "wear/wear_life",
-        "A year of the median valve, and of the valve that 95 % stay below: strokes of stem and motor, reversals; "
+        "One year, median and 95th percentile of the valves: strokes of stem and motor, reversals; "
         "motor strokes as a share of 20,000, reversals as a share of 1.8 million",
         ["days", "controller", "stem, strokes", "motor, strokes", "reversals", "of the strokes", "of the starts"],
         life_rows(by_law),
     )
     write_table(
         "wear/wear_feedback",
-        "Growth of the gap in the year under plain PI, as a multiple of what the travel without wear gives: median "
-        "(5 to 95 % of the valves)",
+        "Growth of the gap over the year under plain PI, relative to the growth if the gap did not change the travel: "
+        "median (5 to 95 % of the valves)",
         ["days", "loops that do not hunt", "loops that hunt"],
         feedback_rows(by_law),
     )
@@ -235,7 +236,7 @@ def write(runs: list[Run], chosen_on: Estimates, fresh: Estimates) -> None:
     some = next(iter(fresh.values()))
     write_table(
         "wear/wear_noticed",
-        f"A gap that becomes three times as large: alarms within 5 days of 6 h, and the hours until the median one; "
+        f"A gap that triples: share of sequences with an alarm within 5 days of 6 h, and median hours until the alarm; "
         f"{some.sizes['sample']} fresh valves × {some.sizes['day']} sequences",
         ["detector", "alarm at", "false: constant gap", "false: no gap", *heads],
         noticed_rows(chosen_on, fresh),

@@ -65,7 +65,7 @@ def main(size: int | None = None) -> None:
     sampled, whole = both(size)
     write_table(
         "wear/wear_whole_year",
-        f"{sampled.sizes['sample']} valves under plain PI in a year of weather: {DAYS} days that stand for it, and "
+        f"{sampled.sizes['sample']} valves under plain PI in a year of weather: {DAYS} days that represent it, and "
         f"all {DAYS_OF_YEAR}; the median valve, and the ratio (5 to 95 % of the valves)",
         ["in the year", f"{DAYS} days", f"{DAYS_OF_YEAR} days", "ratio"],
         rows(sampled, whole),

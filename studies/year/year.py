@@ -132,23 +132,24 @@ def main() -> None:
     ds = results("year")
     write_table(
         "year/year_cost",
-        "What a loop costs in the year more than the same loop with a sound valve under plain PI, USD: median (95 % "
-        "interval of the median), 5 to 95 % of the loops, share of the bill, and the mean of its parts",
+        "Extra cost of a loop per year, compared with the same loop with a sound valve under plain PI, USD: median "
+        "(its 95 % interval), 5th to 95th percentile of the loops, share of the bill, and mean of each component",
         ["valve", "controller", "more", "5 to 95 %", "of the bill", *PARTS],
         cost_rows(ds),
     )
     write_table(
         "year/year_valve",
-        "The same loops: gap at the end of the year (median, largest), estimate then (median), settled RMS error and "
-        "time off the set-point (medians of the loops), motor travel in the year (median), days on which they hunt",
+        "A year of each loop: gap at the end of the year (median, largest), estimate then (median), settled RMS error "
+        "and time off the set-point (medians of the loops), motor travel in the year (median), days on which they hunt",
         ["valve", "controller", "gap", "estimate", "settled error", "off by 0.5 K", "strokes", "hunts"],
         valve_rows(ds),
     )
     write_table(
         "year/year_estimate",
-        "Estimates at the end of a day of operation, wrong by more than 20 % of the gap and 1 % of stroke: share of "
-        "the days, of those of the last quarter, loops with such a day; RMS error of the year against plain PI: median "
-        "of the loops, and loops in which it is more than 1 % higher (95 % intervals)",
+        "Wrong estimates (off by more than 20 % of the gap and 1 % of stroke at the end of an operating day): share of "
+        "all operating days, share of those in the last quarter, number of loops with at least one such day; RMS error "
+        "over the year relative to plain PI: median of the loops, and loops in which it is more than 1 % higher (95 % "
+        "intervals)",
         ["valve", "controller", "wrong", "at last", "loops ever wrong", "RMS error", "harmed"],
         estimate_rows(ds),
     )
