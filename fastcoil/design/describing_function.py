@@ -273,11 +273,11 @@ class Elements(NamedTuple):
         """Those of the loops ``members``."""
         return Elements._make(field[members] for field in self)
 
-    def swing(self, amplitude: Array) -> Array:
-        """Places among AMPLITUDES of amplitudes of the opening, (n, n_amplitudes)."""
+    def at_swing(self, values: Array, amplitude: Array) -> Array:
+        """``swing_mean`` or ``swing_gain`` at amplitudes of the opening, (n, n_amplitudes)."""
         ratio = np.log(AMPLITUDES[1] / AMPLITUDES[0])
-        place = np.log(np.maximum(amplitude, AMPLITUDES[0]) / AMPLITUDES[0]) / ratio
-        return np.asarray(np.clip(place, 0.0, AMPLITUDES.size - 1))
+        place = np.clip(np.log(np.maximum(amplitude, AMPLITUDES[0]) / AMPLITUDES[0]) / ratio, 0.0, AMPLITUDES.size - 1)
+        return between(values, place)
 
     def parts(self, amplitude: Array, w: Array) -> tuple[Array, Array]:
         """Amplitudes of the proportional and the integral part that together would swing u by ``amplitude``."""
@@ -312,7 +312,7 @@ class Elements(NamedTuple):
     def mean(self, amplitude: Array) -> Array:
         """Mean of u, (n, n_amplitudes), that holds the set-point."""
         gap = np.abs(describing_function(amplitude, self.width, self.wait))
-        mean = between(self.swing_mean, self.swing(amplitude * gap))
+        mean = self.at_swing(self.swing_mean, amplitude * gap)
         return np.asarray(mean * (1.0 - self.backlash) / self.slope + self.offset)
 
     def described(self, amplitude: Array, passed: Array | Complex) -> Callable[[Array], Complex]:
@@ -336,7 +336,7 @@ class Elements(NamedTuple):
         def turned(w: Array, turned: Array) -> tuple[Complex, Array]:
             wait = np.maximum(self.wait, turned * (1.0 - np.cos(np.minimum(w * self.late, np.pi))))
             stem = self.slope * describing_function(turned, np.minimum(self.width, wait), wait)
-            return stem, between(self.swing_gain, self.swing(turned * np.abs(stem) / (1.0 - self.backlash)))
+            return stem, self.at_swing(self.swing_gain, turned * np.abs(stem) / (1.0 - self.backlash))
 
         # what does not depend on the frequency is computed once
         at_once = None if self.stroke_time.any() else moved(np.ones(1))

@@ -63,12 +63,11 @@ def balance(w: Array, L: Complex, N: Callable[[Index], Describing], n_amplitudes
     w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: which m loops → their
     describing function at frequencies, (m, n_amplitudes).  lead: most that N may lead, rad, (n,).
     """
-    left, log_L = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L))
-    shape, found = (L.shape[0], n_amplitudes), []
+    left, log_L, found = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L)), []
     for low, high, turn in _pieces(left, lead):
         some = np.flatnonzero(high > low)  # the loops that have this piece
         a, b = (np.repeat(end[:, None].astype(float), n_amplitudes, axis=1) for end in (low, high))
-        product, place, size = np.zeros(shape), a.copy(), np.zeros(shape)
+        product, place, size = np.zeros(a.shape), a.copy(), np.zeros(a.shape)
         if some.size:
             phase, of = left[some], N(some)
 
@@ -299,11 +298,10 @@ def _balanced(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants
         at = frequency(w, found.place[0][ended])
         part = elements.some(ended)
         reaches = part.parts(A[ended], at)[1] > room[ended]
-        # only the amplitudes at which some loop reaches one
-        large = np.flatnonzero(reaches.any(axis=0))
-        cells = np.ix_(ended, large)
-        again, _ = part.passed(A[cells], at[:, large], plants.some(ended))
-        passed[cells] = np.where(reaches[:, large], again, passed[cells])
+        far = np.flatnonzero(reaches.any(axis=0))  # the amplitudes at which some loop reaches one
+        cells = np.ix_(ended, far)
+        again = part.passed(A[cells], at[:, far], plants.some(ended))[0]
+        passed[cells] = np.where(reaches[:, far], again, passed[cells])
         for values, new in zip(found, of(ended), strict=True):
             values[:, ended] = new
     return found

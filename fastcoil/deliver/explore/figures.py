@@ -1,8 +1,4 @@
-"""The Bokeh figures of the page, filled with a loop or with a map.
-
-What fills them is a list of changes that the browser makes in one turn: Bokeh would send a message for each, and the
-browser would draw in between.
-"""
+"""The Bokeh figures of the page, filled with a loop or with a map."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -28,7 +24,7 @@ _MOST = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "h
 """Upper end of the colours of a map, K: the same for all loops, so that maps can be compared."""
 _LABELLED = 3  # every so many cells of a map
 Change = tuple[str, dict[str, Any]]
-"""The id of a model, and new values of its properties."""
+"""Id of a model, new values of its properties.  Bokeh would send a message each, and the browser draw in between."""
 
 
 def _figure(name: str, x: tuple[float, float] | Range1d, y: tuple[float, float], **options: Any) -> Any:

@@ -314,8 +314,7 @@ class Run(NamedTuple):
     @property
     def error(self) -> str:
         """The error in words; empty where the loop cannot be simulated."""
-        rmse = self.value("rmse")
-        return f"RMS error {kelvin(rmse)}" if math.isfinite(rmse) else ""
+        return f"RMS error {kelvin(rmse)}" if math.isfinite(rmse := self.value("rmse")) else ""
 
     @property
     def learning(self) -> str:
@@ -355,20 +354,17 @@ def reading_of(ds: xr.Dataset, stroke_time: float) -> str:
 
 
 class Words(NamedTuple):
-    """What ``explain`` says of a loop, which takes several times as long as its day.
-
-    margin: NaN where theory cannot tell.  compared: what the day shows without the gap, and without the inverse.
-    """
+    """What ``explain`` says of a loop."""
 
     answer: str
-    compared: str
+    compared: str  # what the day shows without the gap, and without the inverse
     why: str
     advice: str
-    margin: float
+    margin: float  # NaN where theory cannot tell
 
 
 def explained(scene: Scenario) -> Words:
-    """Explain a loop."""
+    """Explain a loop, which takes several times as long as to simulate it."""
     found = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
     others = {REPAIRED: "the gap", NO_INVERSE: "the inverse"}
     compared = [] if scene.loop["backlash"] else ["The valve has no gap."]

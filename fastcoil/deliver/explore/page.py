@@ -26,23 +26,9 @@ from tornado.routing import Matcher, Rule, RuleRouter
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
+from fastcoil.deliver.explore import loop
 from fastcoil.deliver.explore.figures import Change, LoopFigures, MapFigure
-from fastcoil.deliver.explore.loop import (
-    AXES,
-    CHOICES,
-    DIALS,
-    STORIES,
-    Model,
-    Run,
-    Settings,
-    Words,
-    of_loop,
-    query_of,
-    read_query,
-    settings_of,
-    settings_of_story,
-    words_of,
-)
+from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, STORIES, Model, Run, Settings, Words
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import is_compiled
 
@@ -88,9 +74,10 @@ class Page:
 
     def __init__(self, doc: Document, model: Model, first: Executor, then: Executor, first_words: str) -> None:
         self._doc, self._model, self._first, self._then = doc, model, first, then
+        self._soon = doc.add_next_tick_callback
         arguments = doc.session_context.request.arguments
         query = {name: values[-1].decode(errors="replace") for name, values in arguments.items()}
-        self._settings, self._problems = read_query(query, model.starts, model.first)
+        self._settings, self._problems = loop.read_query(query, model.starts, model.first)
         self._begin = self._settings
         self._working, self._turns = False, 0
         self._ahead: asyncio.Future[Any] | None = None  # what follows the simulation
@@ -101,10 +88,9 @@ class Page:
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_SHEET)]}
         self._steps: dict[str, dict[str, float]] = {name: {} for name in DIALS}
         self._dials = {
-            name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name,
-                                    **style)
+            name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name, **style)
             for name, dial in DIALS.items()
-        }  # fmt: skip
+        }
         labels = {"loop": "Begin with"} | {name: choice.label for name, choice in CHOICES.items()}
         self._menus = {name: Select(title=label, name=name, **style) for name, label in labels.items()}
         for name, slider in self._dials.items():
@@ -129,7 +115,7 @@ class Page:
         if word != getattr(settings, name):
             if name == "loop":
                 changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
-                settings = settings_of(word, self._model.starts[word])
+                settings = loop.settings_of(word, self._model.starts[word])
             self._move(replace(settings, **changed))  # type: ignore[arg-type]
 
     def _go(self, x: float, y: float) -> None:
@@ -148,7 +134,7 @@ class Page:
             self._ahead.cancel()
         if not self._working:
             self._working = True
-            self._doc.add_next_tick_callback(self._work)
+            self._soon(self._work)
 
     def _wait(self) -> None:
         """Set all controls to the settings, and mark what is shown as outdated."""
@@ -160,7 +146,9 @@ class Page:
             slider.update(categories=list(steps), value=DIALS[name].text(value))
         self._dials["m_a"].disabled = self._settings.day in ("own", "steps")
         for name, menu in self._menus.items():
-            texts = words_of(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
+            texts = (
+                loop.words_of(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
+            )
             menu.update(options=list(texts.items()), value=getattr(self._settings, name))
         self._say(phase="loop", problems="")
 
@@ -178,10 +166,9 @@ class Page:
                 except asyncio.CancelledError:  # moved on
                     pass
                 except InputError as error:
-                    self._told = None
-                    self._soon(partial(self._refuse, _REFUSED, error.problems))
+                    self._refuse(_REFUSED, error.problems)
         except Exception:
-            self._soon(partial(self._refuse, _BROKEN, []))
+            self._refuse(_BROKEN, [])
             raise
         finally:
             self._working = False
@@ -189,14 +176,18 @@ class Page:
     async def _follow(self, settings: Settings) -> None:
         """Simulate a loop, then explain it and make its map, and show each as soon as it is there."""
         run = await asyncio.get_running_loop().run_in_executor(self._first, self._model.run, settings)
-        if self._told != of_loop(settings):  # what is explained is not what is drawn
+        if self._told != loop.of_loop(settings):  # what is explained is not what is drawn
             self._told = None
         self._soon(partial(self._show_run, settings, run, is_told=self._told is not None))
         if self._told is None:
             words = await self._after(settings, self._model.explain)
-            self._told = of_loop(settings)
+            self._told = loop.of_loop(settings)
             self._soon(partial(self._show_words, settings, run, words))
-        self._soon(partial(self._show_map, settings, await self._after(settings, self._swept)))
+        try:
+            found = await self._after(settings, self._model.map)
+        except InputError as error:  # it may be refused where the loop itself is not
+            found = error
+        self._soon(partial(self._show_map, settings, found))
 
     async def _after(self, settings: Settings, work: Callable[[Settings], Any]) -> Any:
         """The result of what follows a simulation; cancelled where the page has moved on."""
@@ -205,33 +196,19 @@ class Page:
         self._ahead = asyncio.get_running_loop().run_in_executor(self._then, work, settings)
         return await self._ahead
 
-    def _swept(self, settings: Settings) -> Mapping[str, Array] | InputError:
-        """The map, or why there is none: it may be refused where the loop itself is not."""
-        try:
-            return self._model.map(settings)
-        except InputError as error:
-            return error
-
-    def _soon(self, show: Callable[[], None]) -> None:
-        self._doc.add_next_tick_callback(show)
-
     def _show_run(self, settings: Settings, run: Run, *, is_told: bool) -> None:
         changes = self._figures.show(run, settings.window)
         changes += [] if is_told else self._figures.show_margin()
         self._say(
-            changes, error=run.error, learning=run.learning, query=query_of(settings, self._model.starts),
-            told="yes" if is_told else "", phase=self._phase(settings, "words"),
+            changes, settings, error=run.error, learning=run.learning, told="yes" if is_told else "", phase="words",
+            query=loop.query_of(settings, self._model.starts),
         )  # fmt: skip
 
     def _show_words(self, settings: Settings, run: Run, words: Words) -> None:
         self._say(
-            self._figures.show_margin(words.margin), headline=words.answer, compared=run.reading or words.compared,
-            why=words.why, advice=words.advice, told="yes", phase=self._phase(settings, "map"),
+            self._figures.show_margin(words.margin), settings, headline=words.answer, why=words.why,
+            compared=run.reading or words.compared, advice=words.advice, told="yes", phase="map",
         )  # fmt: skip
-
-    def _phase(self, settings: Settings, phase: str) -> str:
-        """The phase of the page, unless it has moved on from these settings."""
-        return phase if settings == self._settings else "loop"
 
     def _show_map(self, settings: Settings, found: Mapping[str, Array] | InputError) -> None:
         if isinstance(found, InputError):
@@ -240,17 +217,18 @@ class Page:
             changes, is_on_it = self._map.show(found, settings)
             note = "" if is_on_it else "This loop lies outside the map."
         self._turns += 1
-        phase, problems = self._phase(settings, ""), _joined(self._problems)
-        self._say(changes, **{"note": note}, phase=phase, turn=str(self._turns), problems=problems)
+        problems = _joined(self._problems)
+        self._say(changes, settings, note=note, turn=str(self._turns), problems=problems, phase="")
         self._problems = []
 
     def _refuse(self, headline: str, sentences: list[str]) -> None:
-        nothing = dict.fromkeys(("compared", "learning", "why", "advice"), "")
-        self._say(headline=headline, problems=_joined(sentences), told="yes", phase="refused", **nothing)
+        self._told, nothing = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
+        texts = {"headline": headline, "problems": _joined(sentences), "told": "yes", "phase": "refused"}
+        self._soon(partial(self._say, **texts, **nothing))
 
-    def _say(self, changes: Sequence[Change] = (), /, **texts: str) -> None:
-        """Send changes of the figures and texts in one message."""
-        self._said |= texts
+    def _say(self, changes: Sequence[Change] = (), of: Settings | None = None, /, **texts: str) -> None:
+        """Send changes of the figures and texts in one message.  of: what they show; the page may have moved on."""
+        self._said |= texts if of in (None, self._settings) else texts | {"phase": "loop"}
         self._sent.tags = [list(changes), dict(self._said)]
 
     # --- layout -------------------------------------------------------------------------------------------------------
@@ -268,7 +246,7 @@ class Page:
         doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, menus["window"], name="controls", **wide))
         doc.add_root(Row(menus["axes"], menus["colour"], name="map-choices", **wide))
         stories = [
-            _button(title, partial(self._move, settings_of_story(title, self._model.starts))) for title in STORIES
+            _button(name, partial(self._move, loop.settings_of_story(name, self._model.starts))) for name in STORIES
         ]
         reset = _button("Reset", partial(self._move, self._begin))
         link = _button("Copy link")
@@ -331,15 +309,11 @@ class _FromHere(Matcher):  # type: ignore[misc]
         return {} if is_ours and is_known and not names_session else None
 
 
-def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
+async def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; all sessions share the model.
 
     port: 0 takes any that is free.  ready: called with the address of the page once it can be opened.
     """
-    asyncio.run(_serve(model, port, ready))
-
-
-async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     listening = _bound(port)
     port = listening.getsockname()[1]
     # foreign connections, and readers who leave, are no errors
@@ -364,9 +338,9 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     http.add_socket(listening)
     threading.Thread(target=compile_kernel, daemon=True).start()
     ended = asyncio.Event()
-    loop = asyncio.get_running_loop()
+    wake = asyncio.get_running_loop().call_soon_threadsafe
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
+        signal.signal(number, lambda *_: wake(ended.set))
     ready(f"http://{_NAMES[0]}:{port}/")
     await ended.wait()
     # what is under way is given up, which is no mistake
