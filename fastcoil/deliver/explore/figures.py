@@ -140,8 +140,7 @@ class LoopFigures:
             _fit(self.valve.y_range, 10.0, shown["command"], shown["opening"], *asked),
             _fit(self.gap.x_range, 12.0, shown["command"], *asked),
             _fit(self.gap.y_range, 12.0, shown["opening"]),
-            # a hidden figure would be laid out, too
-            *[_fit(self.estimate.y_range, 8.0, shown["estimate"], shown["backlash"], np.zeros(1))] * run.learns,
+            _fit(self.estimate.y_range, 8.0, shown["estimate"], shown["backlash"], np.zeros(1)),
         ]
 
     def show_margin(self, *margin: float) -> list[Change]:
