@@ -24,7 +24,9 @@ _COMMANDS = (
 )
 """What, benchmark, and the seconds asked for."""
 _ASKED_MOVE = {"median": 0.15, "95 %": 0.2}
-"""Seconds of a move in ``fastcoil explore`` until everything is painted."""
+"""Seconds of a move in ``fastcoil explore`` until its answer is painted."""
+_ANSWERS = {"curves": _ASKED_MOVE, "explanation": _ASKED_MOVE, "map": dict.fromkeys(_ASKED_MOVE)}
+"""What follows a move, in this order, and what was asked for; nothing was for the map."""
 
 Rounds = Mapping[tuple[str, int], np.ndarray]
 """Seconds of each round of a contender on some threads."""
@@ -43,15 +45,11 @@ def waits(results: dict[str, Any], peers: Mapping[int, Rounds]) -> Iterator[tupl
                 _verdict(s["median"], asked),
             )
     moves = timed.get("test_browser", {}).get("extra_info", {})
-    for which, asked in _ASKED_MOVE.items():
-        if which in moves:
-            reached = moves[which]
-            yield (
-                f"a move in fastcoil explore, {which}",
-                _limit(asked, " s"),
-                f"{reached:.3g} s",
-                _verdict(reached, asked),
-            )
+    for stage, limits in _ANSWERS.items() if moves else ():
+        for which, asked in limits.items():
+            reached = moves[stage][which]
+            what = f"a move in fastcoil explore until the {stage}, {which}"
+            yield what, _limit(asked, " s"), f"{reached:.3g} s", _verdict(reached, asked)
     for sample_time, found in peers.items():
         for (name, threads), seconds in found.items():
             if name == "fastcoil, kernel":

@@ -432,6 +432,8 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
     """  # noqa: D301 — click reads the backspace
     if importlib.util.find_spec("bokeh") is None:
         raise missing_extra("explore", "bokeh", "explore")
+    import asyncio
+
     from fastcoil.deliver.explore.loop import Model
     from fastcoil.deliver.explore.page import serve
     from fastcoil.loops.presets import PRESETS
@@ -448,5 +450,5 @@ def explore(target: Path, at: Sequence[str], port: int, browser: bool) -> None:
         if browser and has_screen:
             webbrowser.open(address)
 
-    serve(model, port, ready)
+    asyncio.run(serve(model, port, ready))
     say("Ended.")

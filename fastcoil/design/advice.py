@@ -172,7 +172,7 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
     )  # fmt: skip
     ds = ds.isel(day=0, drop=True) if "day" in ds.dims else ds
     ds = ds if "cure" in ds.dims else ds.expand_dims("cure")
-    swings = np.stack([swings_at(trial.points, boundary, ds.isel(cure=k)) for k in range(len(cures))])
+    swings = swings_at(trial.points, boundary, ds)
     margin, hunting = np.full(len(cures), math.nan), ds["hunts"].values > 0.0
     if trial.prediction is not None:
         reached = trial.prediction.reached
@@ -193,14 +193,14 @@ def try_cures(trial: Trial, cures: Sequence[Cure]) -> xr.Dataset:
 
 
 def swings_at(points: PointsOfDay, boundary: Boundary, now: xr.Dataset) -> Array:
-    """Simulated swing at each operating point, K: max - min of T_sup in settled seconds; NaN if there are none."""
+    """Simulated swing at each operating point, K, (…, n_points): max - min of T_sup in settled seconds; NaN without."""
     T_set = boundary.series["T_set"][0]
     seconds = np.arange(T_set.size)
     changed = np.maximum.accumulate(np.where(np.diff(T_set, prepend=T_set[0]) != 0.0, seconds, -SETTLING_TIME))
     settled = np.where(seconds - changed >= SETTLING_TIME, points.of_second, -1)
     of_second, T_sup = settled[now["elapsed_time"].values.astype(int)], now["T_sup"].values
-    seen = [T_sup[of_second == k] for k in range(points.size)]
-    return np.array([np.ptp(T) if T.size else np.nan for T in seen])
+    seen = [T_sup[..., of_second == k] for k in range(points.size)]
+    return np.stack([np.ptp(T, axis=-1) if T.size else np.full(T.shape[:-1], np.nan) for T in seen], axis=-1)
 
 
 def _hunts_in_part(swings: Array, predicted: Mask, amplitudes: Array) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -96,13 +97,14 @@ def driven(proportional: Array, integral: Array, bias: Array) -> Array:
     proportional, integral: amplitudes of the two parts without ends, (n, m).  bias: mean error over its amplitude; one
     below 0 brings the integral to 0 in every period.
     """
-    sums, u = np.where(bias < 0.0, 0.0, 1.0), np.empty((STEPS, *bias.shape))
-    step = integral * (2.0 * np.pi / STEPS)
+    error = _SINE[:, None, None] + bias
+    steps, integrals = integral * (2.0 * np.pi / STEPS) * error, np.empty(error.shape)
+    now = np.where(bias < 0.0, 0.0, 1.0)
     for _ in range(2):
-        for k, x in enumerate(_SINE):
-            sums = np.clip(sums + step * (x + bias), 0.0, 1.0)
-            u[k] = np.clip(proportional * (x + bias) + sums, 0.0, 1.0)
-    return u
+        for step, after in zip(steps, integrals, strict=True):
+            now = np.add(now, step, out=after)
+            np.minimum(np.maximum(now, 0.0, out=now), 1.0, out=now)
+    return np.clip(proportional * error + integrals, 0.0, 1.0)
 
 
 _HARMONICS = np.arange(1, 7)
@@ -111,10 +113,11 @@ _LOWEST, _FREQUENCIES = 1e-4, 64
 
 def between(curves: Array, place: Array) -> Array:
     """Values of curves (n, n_w) at places (n, m), straight between their points."""
-    first = np.clip(place.astype(np.int64), 0, curves.shape[1] - 2)
-    rows = np.arange(curves.shape[0])[:, None]
+    n = curves.shape[1]
+    first = np.clip(place.astype(np.int64), 0, n - 2)
     share = place - first
-    return np.asarray(curves[rows, first] * (1.0 - share) + curves[rows, first + 1] * share)
+    first += np.arange(0, curves.size, n)[:, None]
+    return np.asarray(curves.take(first) * (1.0 - share) + curves.take(first + 1) * share)
 
 
 def amplitude_of(u: Array, mean: Array, w: Array, elements: Elements, plants: Plants) -> Array:
@@ -270,11 +273,11 @@ class Elements(NamedTuple):
         """Those of the loops ``members``."""
         return Elements._make(field[members] for field in self)
 
-    def swing(self, amplitude: Array) -> tuple[Array, Array]:
-        """Mean opening and relative gain at amplitudes of the opening, (n, n_amplitudes)."""
+    def at_swing(self, values: Array, amplitude: Array) -> Array:
+        """``swing_mean`` or ``swing_gain`` at amplitudes of the opening, (n, n_amplitudes)."""
         ratio = np.log(AMPLITUDES[1] / AMPLITUDES[0])
         place = np.clip(np.log(np.maximum(amplitude, AMPLITUDES[0]) / AMPLITUDES[0]) / ratio, 0.0, AMPLITUDES.size - 1)
-        return between(self.swing_mean, place), between(self.swing_gain, place)
+        return between(values, place)
 
     def parts(self, amplitude: Array, w: Array) -> tuple[Array, Array]:
         """Amplitudes of the proportional and the integral part that together would swing u by ``amplitude``."""
@@ -309,26 +312,42 @@ class Elements(NamedTuple):
     def mean(self, amplitude: Array) -> Array:
         """Mean of u, (n, n_amplitudes), that holds the set-point."""
         gap = np.abs(describing_function(amplitude, self.width, self.wait))
-        return np.asarray(self.swing(amplitude * gap)[0] * (1.0 - self.backlash) / self.slope + self.offset)
+        mean = self.at_swing(self.swing_mean, amplitude * gap)
+        return np.asarray(mean * (1.0 - self.backlash) / self.slope + self.offset)
 
-    def describe(self, amplitude: Array, w: Array, passed: Array | Complex) -> Complex:
-        """N, per (1 - X) of opening and relative to the plant's gain at rest, so that L N is the loop.
+    def described(self, amplitude: Array, passed: Array | Complex) -> Callable[[Array], Complex]:
+        """N at frequencies, per (1 - X) of opening and relative to the plant's gain at rest, so that L N is the loop.
 
         Limits of u, of the motor's speed, gap and the plant's curve change the sine one after the other, each as if
         what comes out of the one before were a sine again.
 
-        amplitude, w: of u without limits, (n, n_amplitudes), fraction of stroke and rad/s.  passed: what the limits of
-        u let through.
+        amplitude: of u without limits, (n, n_amplitudes), fraction of stroke.  passed: what the limits of u let
+        through.  The frequencies: rad/s, (n, n_amplitudes).
         """
-        faster = amplitude * np.abs(passed) * w * self.stroke_time
-        # a motor that reaches each target before the next sample is on its way for a part of the time
-        on_its_way = np.exp(-1j / np.pi * w * self.sample_time * np.minimum(faster, 1.0))
-        moved = passed * rate_limited(faster)
-        turned = amplitude * np.abs(moved)
-        wait = np.maximum(self.wait, turned * (1.0 - np.cos(np.minimum(w * self.late, np.pi))))
-        stem = self.slope * describing_function(turned, np.minimum(self.width, wait), wait)
-        gain = self.swing(turned * np.abs(stem) / (1.0 - self.backlash))[1]
-        return np.asarray(moved * on_its_way * stem * gain)
+        driven = amplitude * np.abs(passed)
+
+        def moved(w: Array) -> tuple[Complex, Array]:
+            faster = driven * w * self.stroke_time
+            # a motor that reaches each target before the next sample is on its way for a part of the time
+            on_its_way = np.exp(-1j / np.pi * w * self.sample_time * np.minimum(faster, 1.0))
+            moved = passed * rate_limited(faster)
+            return moved * on_its_way, amplitude * np.abs(moved)
+
+        def turned(w: Array, turned: Array) -> tuple[Complex, Array]:
+            wait = np.maximum(self.wait, turned * (1.0 - np.cos(np.minimum(w * self.late, np.pi))))
+            stem = self.slope * describing_function(turned, np.minimum(self.width, wait), wait)
+            return stem, self.at_swing(self.swing_gain, turned * np.abs(stem) / (1.0 - self.backlash))
+
+        # what does not depend on the frequency is computed once
+        at_once = None if self.stroke_time.any() else moved(np.ones(1))
+        same = None if at_once is None or self.late.any() else turned(np.ones(1), at_once[1])
+
+        def N(w: Array) -> Complex:
+            motor, swing = at_once or moved(w)
+            stem, gain = same or turned(w, swing)
+            return np.asarray(motor * stem * gain)
+
+        return N
 
 
 def unknown(columns: Columns) -> dict[str, Mask]:

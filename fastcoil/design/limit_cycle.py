@@ -33,6 +33,10 @@ _HALVINGS = 10
 _FLAT = 0.01  # A rise of the phase, rad, from which a loop has more than one frequency for a phase
 
 
+Describing = Callable[[Array], Complex]
+"""Frequencies, rad/s, of loops and amplitudes → the describing function there."""
+
+
 class Balance(NamedTuple):
     """Of each piece of the phase curves, loop and amplitude, (3, n, n_amplitudes).
 
@@ -50,29 +54,30 @@ def frequency(w: Array, place: Array) -> Array:
     return np.asarray(w[0] * np.exp(place * np.log(w[1] / w[0])))
 
 
-def balance(w: Array, L: Complex, N: Callable[[Array, Index], Complex], n_amplitudes: int, lead: Array) -> Balance:
+def balance(w: Array, L: Complex, N: Callable[[Index], Describing], n_amplitudes: int, lead: Array) -> Balance:
     """Where L and N lag 180° together, for each loop and amplitude.
 
     With fast integral action the phase of L falls, rises and falls again: the three pieces are kept apart.  In a loop
     where it only falls, all of it is the first piece.
 
-    w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: frequencies,
-    (m, n_amplitudes), and which m loops they are of → the describing function there.  lead: most that N may lead, rad,
-    (n,).
+    w: rad/s, (n_w,), ascending by equal ratios.  L: linear part of the loops, (n, n_w).  N: which m loops → their
+    describing function at frequencies, (m, n_amplitudes).  lead: most that N may lead, rad, (n,).
     """
-    left, log_L = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L))
-    shape, everyone, found = (L.shape[0], n_amplitudes), np.arange(L.shape[0]), []
+    left, log_L, found = np.pi + np.unwrap(np.angle(L), axis=1), np.log(np.abs(L)), []
     for low, high, turn in _pieces(left, lead):
         some = np.flatnonzero(high > low)  # the loops that have this piece
-        a, b = (np.broadcast_to(end[:, None].astype(float), shape).copy() for end in (low, high))
+        a, b = (np.repeat(end[:, None].astype(float), n_amplitudes, axis=1) for end in (low, high))
+        product, place, size = np.zeros(a.shape), a.copy(), np.zeros(a.shape)
+        if some.size:
+            phase, of = left[some], N(some)
 
-        def excess(place: Array, turn: float = turn, some: Index = some) -> Array:
-            return turn * (between(left[some], place) + np.angle(N(frequency(w, place), some)))
+            def excess(at: Array, turn: float = turn, phase: Array = phase, of: Describing = of) -> Array:
+                return turn * (between(phase, at) + np.angle(of(frequency(w, at))))
 
-        place, there = a.copy(), np.zeros(shape, bool)
-        place[some], there[some] = _root(excess, a[some], b[some])
-        size = np.abs(N(frequency(w, place), everyone))
-        found.append((np.where(there, np.exp(between(log_L, place)) * size, 0.0), place, size))
+            at, there = _root(excess, a[some], b[some])
+            place[some], size[some] = at, np.abs(of(frequency(w, at)))
+            product[some] = np.where(there, np.exp(between(log_L[some], at)) * size[some], 0.0)
+        found.append((product, place, size))
     product, place, size = (np.stack(part) for part in zip(*found, strict=True))
     return Balance(product, place, size)
 
@@ -279,9 +284,9 @@ def _balanced(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants
         leads = (part.width < part.wait - NO_GAP)[:, 0] | (np.angle(passed[some]).max(axis=1) > 0.0)
         lead = np.where(leads, 0.5 * np.pi, 0.0)
 
-        def N(at: Array, which: Index) -> Complex:
+        def N(which: Index) -> Describing:
             members = some[which]
-            return elements.some(members).describe(A[members], at, passed[members])
+            return elements.some(members).described(A[members], passed[members])
 
         return balance(w, L[some], N, _AMPLITUDES, lead)
 
@@ -293,9 +298,12 @@ def _balanced(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants
         at = frequency(w, found.place[0][ended])
         part = elements.some(ended)
         reaches = part.parts(A[ended], at)[1] > room[ended]
-        passed[ended] = np.where(reaches, part.passed(A[ended], at, plants.some(ended))[0], passed[ended])
-        for values, again in zip(found, of(ended), strict=True):
-            values[:, ended] = again
+        far = np.flatnonzero(reaches.any(axis=0))  # the amplitudes at which some loop reaches one
+        cells = np.ix_(ended, far)
+        again = part.passed(A[cells], at[:, far], plants.some(ended))[0]
+        passed[cells] = np.where(reaches[:, far], again, passed[cells])
+        for values, new in zip(found, of(ended), strict=True):
+            values[:, ended] = new
     return found
 
 
@@ -467,5 +475,5 @@ def _minus_1_over_N(columns: Columns, plant: Plants, at: float) -> Complex:
     elements = Elements.of(columns, plant)
     amplitudes = elements.amplitudes(MOST, _OF_ELEMENT)
     mean = elements.mean(amplitudes)
-    N = elements.describe(amplitudes, np.array(at), limited(amplitudes, -mean, 1.0 - mean))[0]
+    N = elements.described(amplitudes, limited(amplitudes, -mean, 1.0 - mean))(np.array(at))[0]
     return np.asarray(-1.0 / N[np.abs(N) > _SMALLEST])

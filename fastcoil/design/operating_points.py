@@ -190,8 +190,8 @@ def operating_points(boundary: Boundary, warm_up: int, at: int | None = None) ->
     if not counted.size:
         raise InputError("the loop is off all day: take a day on which it is enabled")
     level = np.round(series["T_set"][counted] / SAME_SET_POINT)
-    _, member = np.unique(np.stack([counted // 3600, level]), axis=1, return_inverse=True)
-    member = member.reshape(-1)
+    level -= level.min()
+    _, member = np.unique(counted // 3600 * (level.max() + 1.0) + level, return_inverse=True)
     seconds = np.bincount(member)
     start = np.full(seconds.size, on.size)
     np.minimum.at(start, member, counted)

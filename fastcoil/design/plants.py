@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -137,15 +138,8 @@ def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
     W_a_in, kg/kg; they are held until all is steady.
     """
     matrix, entering, T_set, same = distinct_plants(columns, conditions)
-
-    def run(block: Block, members: Index) -> list[np.ndarray]:
-        of_lanes, rest, S, V = _rest(block, members, entering, T_set)
-        response, ends, curve = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64), np.empty((OPENINGS.size, LANES))
-        at_rest.respond(block.rows, block.common, of_lanes, rest, V.copy(), S, V, _TOLERANCE, response, ends)
-        at_rest.rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, curve)
-        return [rest, response, ends, curve]
-
-    found, response, ends, curve = run_sets(matrix, run)
+    settle = _settled if T_set.size <= LANES else _settled.__wrapped__
+    found, response, ends, curve = settle(*(part.tobytes() for part in (matrix, entering, T_set)))
     of = {name: found[k][same] for k, name in enumerate(at_rest.STEADY)}
     # the series shows its ratio, however many other responses are longer
     response = np.ascontiguousarray(response[: int(ends.max()) + at_rest.FEW + 1].T)
@@ -154,6 +148,22 @@ def plants_of(columns: Columns, conditions: Mapping[str, Array]) -> Plants:
         np.broadcast_to(response, (same.size, response.shape[1])) if T_set.size == 1 else response[same], same,
         np.ascontiguousarray(curve.T)[same],
     )  # fmt: skip
+
+
+@lru_cache(4)  # of 2 MB each; the gains, the gap and the motor leave the plants as they are
+def _settled(*parts: bytes) -> tuple[np.ndarray, ...]:
+    """STEADY, responses, their ends and curves of plants; parts: of ``distinct_plants``."""
+    T_set = np.frombuffer(parts[2])
+    matrix, entering = (np.frombuffer(part).reshape(-1, T_set.size) for part in parts[:2])
+
+    def run(block: Block, members: Index) -> list[np.ndarray]:
+        of_lanes, rest, S, V = _rest(block, members, entering, T_set)
+        response, ends, curve = np.empty((LONGEST, LANES)), np.empty(LANES, np.int64), np.empty((OPENINGS.size, LANES))
+        at_rest.respond(block.rows, block.common, of_lanes, rest, V.copy(), S, V, _TOLERANCE, response, ends)
+        at_rest.rest_curve(block.rows, block.common, of_lanes, OPENINGS, S, V, curve)
+        return [rest, response, ends, curve]
+
+    return run_sets(matrix, run)
 
 
 def distinct_plants(columns: Columns, conditions: Mapping[str, Array]) -> tuple[Array, Array, Array, Index]:

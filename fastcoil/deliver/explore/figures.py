@@ -23,6 +23,8 @@ _MARGINS, _SHOWN_MARGINS = (0.03, 30.0), (0.036, 25.0)  # ends of the scale, and
 _MOST = {"tuning": {"rmse": 1.2, "hunting_swing": 2.5}, "size": {"rmse": 0.6, "hunting_swing": 1.5}}
 """Upper end of the colours of a map, K: the same for all loops, so that maps can be compared."""
 _LABELLED = 3  # every so many cells of a map
+Change = tuple[str, dict[str, Any]]
+"""Id of a model, new values of its properties.  Bokeh would send a message each, and the browser draw in between."""
 
 
 def _figure(name: str, x: tuple[float, float] | Range1d, y: tuple[float, float], **options: Any) -> Any:
@@ -52,9 +54,10 @@ def _legend_above(*figs: Any) -> None:
         )  # fmt: skip
 
 
-def _show_line(fig: Any, label: str, visible: bool) -> None:
+def _line(fig: Any, label: str, visible: bool) -> list[Change]:
+    """Show or hide a line and its name."""
     (item,) = [item for item in fig.legend[0].items if item.label.value == label]
-    item.visible = item.renderers[0].visible = visible
+    return [(model.id, {"visible": visible}) for model in (item, item.renderers[0])]
 
 
 class LoopFigures:
@@ -64,7 +67,7 @@ class LoopFigures:
         names = ("hours", "T_sup", "T_measured", "T_set", "u", "command", "opening", "estimate", "backlash")
         self._traces = traces = ColumnDataSource({name: [] for name in names}, name="traces")
         self._edges = ColumnDataSource({"command": [], "opening": []})
-        self._point = ColumnDataSource({"margin": [], "at": []})
+        self._point = ColumnDataSource({"margin": [], "at": []}, name="margins")
         hours = Range1d(0.0, 8.0)
         dashed: Any = {"source": traces, "color": _INK, "width": 2, "dash": [8, 4]}
 
@@ -110,7 +113,7 @@ class LoopFigures:
         fig.xaxis.ticker = [0.1, 0.3, 0.85, 3, 10]
         self.all = (self.temperature, self.valve, self.estimate, self.gap, self.margin)
 
-    def show(self, run: Run, window: str) -> None:
+    def show(self, run: Run, window: str) -> list[Change]:
         """Fill them with one loop: all of the day after the warm-up, or its last hours."""
         n = run.hours.size
         hours = _HOURS.get(window)
@@ -120,34 +123,39 @@ class LoopFigures:
             shown[name] = 100.0 * shown[name]
         shown["backlash"] = np.full(n - first, 100.0 * run.parameter("backlash"))
         tested = run.hours[first:][shown.pop("test") > 0.0]
-        for shade in self._tests:
-            shade.update(left=tested.min(initial=np.inf), right=tested.max(initial=-np.inf), visible=tested.size > 0)
-        self._traces.data = {"hours": run.hours[first:], **shown}
-        self._edges.data = _edges(run.parameter("backlash"))
-        self._point.data = {"margin": [float(np.clip(run.margin, *_SHOWN_MARGINS))], "at": [0]}
-
+        test = {"left": tested.min(initial=np.inf), "right": tested.max(initial=-np.inf), "visible": tested.size > 0}
         senses = run.parameter("noise_std") > 0.0 or run.parameter("sensor_time_constant") > 0.0
-        _show_line(self.temperature, "sensor", senses)
         compensates = run.learns or run.parameter("backlash_estimate") > 0.0
-        _show_line(self.valve, "PI asks", compensates)
-        _show_line(self.gap, "PI asks", compensates)
-        self.estimate.visible = run.learns
         asked = [shown["u"]] * compensates
-        self.temperature.x_range.update(start=float(run.hours[first]), end=float(run.hours[-1]))
-        _fit(self.temperature.y_range, 1.0, shown["T_sup"], shown["T_set"], *[shown["T_measured"]] * senses)
-        _fit(self.valve.y_range, 10.0, shown["command"], shown["opening"], *asked)
-        _fit(self.gap.x_range, 12.0, shown["command"], *asked)
-        _fit(self.gap.y_range, 12.0, shown["opening"])
-        _fit(self.estimate.y_range, 8.0, shown["estimate"], shown["backlash"], np.zeros(1))
+        return [
+            (self._traces.id, {"data": {"hours": run.hours[first:], **shown}}),
+            (self._edges.id, {"data": _edges(run.parameter("backlash"))}),
+            *((shade.id, test) for shade in self._tests),
+            *_line(self.temperature, "sensor", senses),
+            *_line(self.valve, "PI asks", compensates),
+            *_line(self.gap, "PI asks", compensates),
+            (self.estimate.id, {"visible": run.learns}),
+            (self.temperature.x_range.id, {"start": float(run.hours[first]), "end": float(run.hours[-1])}),
+            _fit(self.temperature.y_range, 1.0, shown["T_sup"], shown["T_set"], *[shown["T_measured"]] * senses),
+            _fit(self.valve.y_range, 10.0, shown["command"], shown["opening"], *asked),
+            _fit(self.gap.x_range, 12.0, shown["command"], *asked),
+            _fit(self.gap.y_range, 12.0, shown["opening"]),
+            _fit(self.estimate.y_range, 8.0, shown["estimate"], shown["backlash"], np.zeros(1)),
+        ]
+
+    def show_margin(self, *margin: float) -> list[Change]:
+        """Mark a margin, or none."""
+        at = np.clip(margin, *_SHOWN_MARGINS).tolist()
+        return [(self._point.id, {"data": {"margin": at, "at": [0] * len(at)}})]
 
 
-def _fit(span: Range1d, least: float, *values: Array) -> None:
+def _fit(span: Range1d, least: float, *values: Array) -> Change:
     """Make an axis show all finite values, at least so much of it."""
     found = np.concatenate(values)
     found = found[np.isfinite(found)] if np.isfinite(found).any() else np.zeros(1)
     low, high = float(found.min()), float(found.max())
     room = max(0.04 * (high - low), 0.5 * (least - (high - low)))
-    span.update(start=low - room, end=high + room)
+    return span.id, {"start": low - room, "end": high + room}
 
 
 def _edges(backlash: float) -> dict[str, list[float]]:
@@ -162,6 +170,7 @@ class MapFigure:
     """The map; cells lie at 0, 1, 2, … whatever the parameter.  on_tap: called with the place clicked, x first."""
 
     def __init__(self, on_tap: Callable[[float, float], None]) -> None:
+        self._axes, self._places = "", dict[str, Any]()
         self._cells = ColumnDataSource({name: [] for name in ("x", "y", "value", "at_x", "at_y")}, name="cells")
         self._point = ColumnDataSource({"x": [], "y": []}, name="here")
         self.fig = _figure("map", (-0.5, 15.5), (-0.5, 11.5), title="Map: click to move the ring")
@@ -182,16 +191,20 @@ class MapFigure:
         self.fig.on_event(Tap, lambda event: on_tap(event.x, event.y))
         self.fig.grid.visible = False
 
-    def show(self, found: Mapping[str, Array], settings: Settings) -> bool:
-        """Fill it with a map, and mark a loop on it; whether the loop lies on the map."""
-        self._colours.high = _MOST[settings.axes][settings.colour]
-        self._bar.title = f"{CHOICES['colour'].words[settings.colour]} [K]"
-        self._cells.data = self._laid_out(settings.axes) | {"value": found[settings.colour].ravel()}
+    def show(self, found: Mapping[str, Array], settings: Settings) -> tuple[list[Change], bool]:
+        """Fill it with a map, and mark a loop on it; and whether the loop lies on the map."""
+        if self._axes != settings.axes:
+            self._axes, self._places = settings.axes, self._laid_out(settings.axes)
         at = {}
         for side, (name, values) in zip("xy", AXES[settings.axes].items(), strict=True):
             at[side] = [np.interp(getattr(settings, name), values, range(len(values)), left=np.nan, right=np.nan)]
-        self._point.data = at
-        return bool(np.isfinite([*at["x"], *at["y"]]).all())
+        changes: list[Change] = [
+            (self._colours.id, {"high": _MOST[settings.axes][settings.colour]}),
+            (self._bar.id, {"title": f"{CHOICES['colour'].words[settings.colour]} [K]"}),
+            (self._cells.id, {"data": self._places | {"value": found[settings.colour].ravel()}}),
+            (self._point.id, {"data": at}),
+        ]
+        return changes, bool(np.isfinite([*at["x"], *at["y"]]).all())
 
     def _laid_out(self, axes: str) -> dict[str, Any]:
         """Label the axes of a map; where its cells lie, and their values in words."""
@@ -208,6 +221,5 @@ class MapFigure:
             span.update(start=-0.5, end=n - 0.5)
         return columns
 
-    def clear(self) -> None:
-        for source in (self._cells, self._point):
-            source.data = {name: [] for name in source.data}
+    def clear(self) -> list[Change]:
+        return [(source.id, {"data": {name: [] for name in source.data}}) for source in (self._cells, self._point)]

@@ -1,4 +1,4 @@
-"""Settings of the page in; traces, metrics, an explanation and a map of the loop out, from a cache where repeated.
+"""Settings of the page in; traces and metrics, an explanation and a map of the loop out, from a cache where repeated.
 
 The settings: every number and word that can be moved, the loops to start from, links and stories.
 """
@@ -15,7 +15,7 @@ import xarray as xr
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError, nearest, shown
-from fastcoil.base.text import per_cent
+from fastcoil.base.text import kelvin, per_cent
 from fastcoil.design.advice import NO_INVERSE, REPAIRED
 from fastcoil.design.explain import explain
 from fastcoil.loops.boundary import Boundary
@@ -213,6 +213,11 @@ STORIES: Mapping[str, Mapping[str, Any]] = {
 """Text of a button, and what it changes of the preset ``paper_like``."""
 
 
+def of_loop(settings: Settings) -> Settings:
+    """The settings of the loop and its day, those of the map and the time shown at one value."""
+    return replace(settings, axes="tuning", colour="rmse", window="day")
+
+
 def settings_of_story(title: str, starts: Mapping[str, Start]) -> Settings:
     """The settings of a story."""
     return replace(settings_of("paper_like", starts["paper_like"]), **STORIES[title])
@@ -245,14 +250,21 @@ def loop_of(settings: Settings, start: Start) -> Loop:
 
 def day_of(settings: Settings, start: Start) -> Boundary:
     """The day of some settings."""
-    water: dict[str, Any] = {"T_w_in": start.T_w_in} if start.heats else {}
     if settings.day == "own" and start.day is not None:
         return start.day
-    if settings.day == "steps":
-        return heating_day(**water) if start.heats else paper_day()
-    if settings.day == "design":
-        return design_day(mode="heating" if start.heats else "cooling", m_a=settings.m_a, **water)
-    return constant_day(m_a=settings.m_a, **(_HEATING_DAY if start.heats else {}), **water)
+    return _made_day(settings.day, settings.m_a, start.T_w_in if start.heats else None)
+
+
+@lru_cache(8)  # of 2 MB each; most moves leave the day as it is
+def _made_day(name: str, m_a: float, heating_water: float | None) -> Boundary:
+    """A day of the menu.  m_a: air flow, kg/s.  heating_water: degC; None for a cooling coil."""
+    heats = heating_water is not None
+    water: dict[str, Any] = {"T_w_in": heating_water} if heats else {}
+    if name == "steps":
+        return heating_day(**water) if heats else paper_day()
+    if name == "design":
+        return design_day(mode="heating" if heats else "cooling", m_a=m_a, **water)
+    return constant_day(m_a=m_a, **(_HEATING_DAY if heats else {}), **water)
 
 
 def scene_of(settings: Settings, start: Start) -> Scenario:
@@ -278,9 +290,8 @@ TRACES = ("T_sup", "T_measured", "u", "command", "opening", "estimate", "test")
 
 
 class Run(NamedTuple):
-    """One loop on one day: a sample of each trace every ``EVERY`` seconds, its metrics, and what ``explain`` says.
+    """One loop on one day: a sample of each trace every ``EVERY`` seconds, and its metrics.
 
-    margin: NaN where theory cannot tell.  without: what the day shows without the gap, and without the inverse.
     reading: what a valve test shows; empty without one.
     """
 
@@ -288,11 +299,6 @@ class Run(NamedTuple):
     hours: Array
     traces: Mapping[str, Array]
     metrics: xr.Dataset
-    answer: str
-    why: str
-    advice: str
-    margin: float
-    without: Mapping[str, str]
     reading: str
 
     def value(self, metric: str) -> float:
@@ -306,12 +312,9 @@ class Run(NamedTuple):
         return words_used(self.scene.loop, "estimator") != {"none"}
 
     @property
-    def compared(self) -> str:
-        """What the valve test shows; without one, what the same day shows without the gap, and without the inverse."""
-        if self.reading:
-            return self.reading
-        others = [f"Without {what}: {shown}." for what, shown in self.without.items()]
-        return "  ".join(others if self.parameter("backlash") else ["The valve has no gap.", *others])
+    def error(self) -> str:
+        """The error in words; empty where the loop cannot be simulated."""
+        return f"RMS error {kelvin(rmse)}" if math.isfinite(rmse := self.value("rmse")) else ""
 
     @property
     def learning(self) -> str:
@@ -325,18 +328,16 @@ class Run(NamedTuple):
 
 
 def run(scene: Scenario, test: ValveTest | None = None) -> Run:
-    """Simulate a loop, with a valve test if there is one, and explain it."""
-    loop, day, warm_up, seed = scene.loop, scene.boundary, scene.warm_up, scene.seed
+    """Simulate a loop, with a valve test if there is one."""
+    loop, day = scene.loop, scene.boundary
     ds = simulate(
-        loop, day, test=test, traces=TRACES, trace_interval=EVERY, warm_up=warm_up, seed=seed, n_jobs=1, progress=False
-    )
+        loop, day, test=test, traces=TRACES, trace_interval=EVERY, warm_up=scene.warm_up, seed=scene.seed, n_jobs=1,
+        progress=False,
+    )  # fmt: skip
     traces = {name: ds[name].values for name in TRACES} | {"T_set": day.series["T_set"][0][::EVERY]}
-    found = explain(loop, day, warm_up=warm_up, seed=seed)
-    words = {REPAIRED: "the gap", NO_INVERSE: "the inverse"}
-    without = {what: found.shows(name) for name, what in words.items() if name in found.cures["cure"]}
     hours, metrics = ds["elapsed_time"].values / 3600.0, ds.drop_vars(TRACES)
     reading = "" if test is None else reading_of(ds, float(loop["stroke_time"]))  # type: ignore[arg-type]
-    return Run(scene, hours, traces, metrics, found.answer, found.why, found.advice, found.margin, without, reading)
+    return Run(scene, hours, traces, metrics, reading)
 
 
 def reading_of(ds: xr.Dataset, stroke_time: float) -> str:
@@ -350,6 +351,26 @@ def reading_of(ds: xr.Dataset, stroke_time: float) -> str:
     if r.identified:
         return f"The valve test reads a gap of {per_cent(r.backlash)} (95 %: {low} to {high}).{early}"
     return f"The valve test shows a gap of {low} to {high} and claims no size: {r.reason}.{early}"
+
+
+class Words(NamedTuple):
+    """What ``explain`` says of a loop."""
+
+    answer: str
+    compared: str  # what the day shows without the gap, and without the inverse
+    why: str
+    advice: str
+    margin: float  # NaN where theory cannot tell
+
+
+def explained(scene: Scenario) -> Words:
+    """Explain a loop, which takes several times as long as to simulate it."""
+    found = explain(scene.loop, scene.boundary, warm_up=scene.warm_up, seed=scene.seed)
+    others = {REPAIRED: "the gap", NO_INVERSE: "the inverse"}
+    compared = [] if scene.loop["backlash"] else ["The valve has no gap."]
+    tried = found.cures["cure"].values
+    compared += [f"Without {what}: {found.shows(name)}." for name, what in others.items() if name in tried]
+    return Words(found.answer, "  ".join(compared), found.why, found.advice, found.margin)
 
 
 _TI = (4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 100.0, 140.0, 200.0, 280.0, 400.0, 560.0, 800.0)
@@ -370,7 +391,7 @@ def map_of(axes: str, scene: Scenario) -> Mapping[str, Array]:
     return {name: ds[name].transpose(y, x).values for name in ("rmse", "hunting_swing")}
 
 
-_RUNS, _MAPS = 200, 100  # sizes of the caches: 0.3 MB and 4 kB an entry
+_RUNS, _MAPS = 200, 100  # sizes of the caches: 0.3 MB and 4 kB an entry; of words less
 
 
 class Model:
@@ -383,16 +404,21 @@ class Model:
         self.starts = starts(given)
         self.first = preset if given is None else GIVEN
         self._run = lru_cache(_RUNS)(self._tested)
-        self._map = lru_cache(_MAPS)(
-            lambda settings: map_of(settings.axes, scene_of(settings, self.starts[settings.loop]))
-        )
+        self._explain = lru_cache(_RUNS)(lambda settings: explained(self._scene(settings)))
+        self._map = lru_cache(_MAPS)(lambda settings: map_of(settings.axes, self._scene(settings)))
+
+    def _scene(self, settings: Settings) -> Scenario:
+        return scene_of(settings, self.starts[settings.loop])
 
     def _tested(self, settings: Settings) -> Run:
-        scene = scene_of(settings, self.starts[settings.loop])
+        scene = self._scene(settings)
         return run(scene, valve_test_of(settings, scene))
 
     def run(self, settings: Settings) -> Run:
-        return self._run(replace(settings, axes="tuning", colour="rmse", window="day"))
+        return self._run(of_loop(settings))
+
+    def explain(self, settings: Settings) -> Words:
+        return self._explain(replace(of_loop(settings), test="none"))
 
     def map(self, settings: Settings) -> Mapping[str, Array]:
         """The map around it, which does not depend on where its own point lies."""

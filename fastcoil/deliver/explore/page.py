@@ -6,7 +6,7 @@ import secrets
 import signal
 import socket
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -26,21 +26,9 @@ from tornado.routing import Matcher, Rule, RuleRouter
 
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.deliver.explore.figures import LoopFigures, MapFigure
-from fastcoil.deliver.explore.loop import (
-    AXES,
-    CHOICES,
-    DIALS,
-    STORIES,
-    Model,
-    Run,
-    Settings,
-    query_of,
-    read_query,
-    settings_of,
-    settings_of_story,
-    words_of,
-)
+from fastcoil.deliver.explore import loop
+from fastcoil.deliver.explore.figures import Change, LoopFigures, MapFigure
+from fastcoil.deliver.explore.loop import AXES, CHOICES, DIALS, STORIES, Model, Run, Settings, Words
 from fastcoil.model.engine.lanes import compile_kernel
 from fastcoil.model.numerics.jit import is_compiled
 
@@ -52,15 +40,15 @@ _SHEET = """
 .noUi-handle:focus, .bk-input:focus, .bk-btn:focus { outline: 3px solid #004488; outline-offset: 2px; }
 .bk-btn { padding: 6px 10px; }
 """
-_TEXTS = ("headline", "compared", "learning", "why", "advice", "map-note", "problems")
+_TEXTS = ("headline", "compared", "learning", "why", "advice", "note", "problems", "error")
 """Elements of the template that hold a sentence."""
 _SHOW = """
-const now = texts.data
-for (const id of ids) document.getElementById(id).textContent = now[id][0]
-document.body.dataset.phase = now.phase[0]
-document.body.dataset.turn = now.turn[0]
-document.body.dataset.learns = now.learning[0] ? 'yes' : ''
-const search = now.query[0] ? '?' + now.query[0] : ''
+const [changes, said] = sent.tags
+for (const [id, values] of changes) sent.document.get_model_by_id(id).setv(values, {sync: false})
+for (const id of ids) document.getElementById(id).textContent = said[id]
+for (const word of ['phase', 'told', 'turn']) document.body.dataset[word] = said[word]
+document.body.dataset.learns = said.learning ? 'yes' : ''
+const search = said.query ? '?' + said.query : ''
 if (search !== location.search) history.replaceState(null, '', location.pathname + search)
 """
 _MOVED = "document.body.dataset.phase = 'loop'"
@@ -79,27 +67,30 @@ document.body.dataset.phase = 'refused'
 class Page:
     """The page of one reader.
 
-    The work is done on other threads, so that every move is noticed; of several moves during one piece of work only
-    the last counts.
+    The work is done on other threads, so that every move is noticed: ``first`` simulates the loop, ``then`` explains it
+    and makes its map.  Of several moves during a simulation only the last counts; a move gives up what follows of the
+    one before.
     """
 
-    def __init__(self, doc: Document, model: Model, pool: Executor, first_words: str) -> None:
-        self._doc, self._model, self._pool = doc, model, pool
+    def __init__(self, doc: Document, model: Model, first: Executor, then: Executor, first_words: str) -> None:
+        self._doc, self._model, self._first, self._then = doc, model, first, then
+        self._soon = doc.add_next_tick_callback
         arguments = doc.session_context.request.arguments
         query = {name: values[-1].decode(errors="replace") for name, values in arguments.items()}
-        self._settings, self._problems = read_query(query, model.starts, model.first)
+        self._settings, self._problems = loop.read_query(query, model.starts, model.first)
         self._begin = self._settings
         self._working, self._turns = False, 0
-        names = (*_TEXTS, "phase", "query", "turn")
-        self._texts = ColumnDataSource({name: [""] for name in names}, name="texts")
+        self._ahead: asyncio.Future[Any] | None = None  # what follows the simulation
+        self._told: Settings | None = None  # the loop that is explained; None while the one drawn is not
+        self._said = dict.fromkeys((*_TEXTS, "phase", "query", "told", "turn"), "")
+        self._sent = ColumnDataSource(name="sent")  # its tags take changes and texts to the browser
         self._figures, self._map = LoopFigures(), MapFigure(self._go)
         style: Any = {"sizing_mode": "stretch_width", "stylesheets": [InlineStyleSheet(css=_SHEET)]}
         self._steps: dict[str, dict[str, float]] = {name: {} for name in DIALS}
         self._dials = {
-            name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name,
-                                    **style)
+            name: CategoricalSlider(title=dial.label, categories=["", "…"], value="", name=name, **style)
             for name, dial in DIALS.items()
-        }  # fmt: skip
+        }
         labels = {"loop": "Begin with"} | {name: choice.label for name, choice in CHOICES.items()}
         self._menus = {name: Select(title=label, name=name, **style) for name, label in labels.items()}
         for name, slider in self._dials.items():
@@ -108,7 +99,7 @@ class Page:
             menu.on_change("value", partial(self._chosen, name))
         self._put_together(first_words)
         self._wait()
-        self._say(headline=first_words)
+        self._say(headline=first_words, told="yes")
         # a request alone computes nothing: a page that is shown asks for it
         doc.on_event(DocumentReady, lambda _: self._move(self._settings))
 
@@ -124,7 +115,7 @@ class Page:
         if word != getattr(settings, name):
             if name == "loop":
                 changed = {"axes": settings.axes, "colour": settings.colour, "window": settings.window}
-                settings = settings_of(word, self._model.starts[word])
+                settings = loop.settings_of(word, self._model.starts[word])
             self._move(replace(settings, **changed))  # type: ignore[arg-type]
 
     def _go(self, x: float, y: float) -> None:
@@ -139,9 +130,11 @@ class Page:
         """Show other settings, as soon as they are computed."""
         self._settings = settings
         self._wait()
+        if self._ahead is not None:
+            self._ahead.cancel()
         if not self._working:
             self._working = True
-            self._doc.add_next_tick_callback(self._work)
+            self._soon(self._work)
 
     def _wait(self) -> None:
         """Set all controls to the settings, and mark what is shown as outdated."""
@@ -153,7 +146,9 @@ class Page:
             slider.update(categories=list(steps), value=DIALS[name].text(value))
         self._dials["m_a"].disabled = self._settings.day in ("own", "steps")
         for name, menu in self._menus.items():
-            texts = words_of(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
+            texts = (
+                loop.words_of(name, start) if name in CHOICES else {n: s.title for n, s in self._model.starts.items()}
+            )
             menu.update(options=list(texts.items()), value=getattr(self._settings, name))
         self._say(phase="loop", problems="")
 
@@ -166,74 +161,82 @@ class Page:
         try:
             while shown != self._settings:
                 shown = self._settings
-                await self._follow(shown)
+                try:
+                    await self._follow(shown)
+                except asyncio.CancelledError:  # moved on
+                    pass
+                except InputError as error:
+                    self._refuse(_REFUSED, error.problems)
         except Exception:
-            self._soon(partial(self._refuse, _BROKEN, []))
+            self._refuse(_BROKEN, [])
             raise
         finally:
             self._working = False
 
     async def _follow(self, settings: Settings) -> None:
-        """Compute a loop and its map side by side, and show each as soon as it is there."""
-        loop = asyncio.get_running_loop()
-        ahead = loop.run_in_executor(self._pool, self._swept, settings)
+        """Simulate a loop, then explain it and make its map, and show each as soon as it is there."""
+        run = await asyncio.get_running_loop().run_in_executor(self._first, self._model.run, settings)
+        if self._told != loop.of_loop(settings):  # what is explained is not what is drawn
+            self._told = None
+        self._soon(partial(self._show_run, settings, run, is_told=self._told is not None))
+        if self._told is None:
+            words = await self._after(settings, self._model.explain)
+            self._told = loop.of_loop(settings)
+            self._soon(partial(self._show_words, settings, run, words))
         try:
-            run = await loop.run_in_executor(self._pool, self._model.run, settings)
-        except InputError as error:
-            await ahead
-            self._soon(partial(self._refuse, _REFUSED, error.problems))
-            return
-        self._soon(partial(self._show_run, settings, run))
-        self._soon(partial(self._show_map, settings, await ahead))
+            found = await self._after(settings, self._model.map)
+        except InputError as error:  # it may be refused where the loop itself is not
+            found = error
+        self._soon(partial(self._show_map, settings, found))
 
-    def _swept(self, settings: Settings) -> Mapping[str, Array] | InputError:
-        """The map, or why there is none: it may be refused where the loop itself is not."""
-        try:
-            return self._model.map(settings)
-        except InputError as error:
-            return error
+    async def _after(self, settings: Settings, work: Callable[[Settings], Any]) -> Any:
+        """The result of what follows a simulation; cancelled where the page has moved on."""
+        if settings != self._settings:
+            raise asyncio.CancelledError
+        self._ahead = asyncio.get_running_loop().run_in_executor(self._then, work, settings)
+        return await self._ahead
 
-    def _soon(self, show: Callable[[], None]) -> None:
-        """Show something in one message: the browser then draws each figure once."""
-
-        def at_once() -> None:
-            self._doc.hold("combine")
-            show()
-            self._doc.unhold()
-
-        self._doc.add_next_tick_callback(at_once)
-
-    def _show_run(self, settings: Settings, run: Run) -> None:
-        self._figures.show(run, settings.window)
+    def _show_run(self, settings: Settings, run: Run, *, is_told: bool) -> None:
+        changes = self._figures.show(run, settings.window)
+        changes += [] if is_told else self._figures.show_margin()
         self._say(
-            headline=run.answer, compared=run.compared, learning=run.learning, why=run.why,
-            advice=run.advice, query=query_of(settings, self._model.starts), phase="map",
+            changes, settings, error=run.error, learning=run.learning, told="yes" if is_told else "", phase="words",
+            query=loop.query_of(settings, self._model.starts),
+        )  # fmt: skip
+
+    def _show_words(self, settings: Settings, run: Run, words: Words) -> None:
+        self._say(
+            self._figures.show_margin(words.margin), settings, headline=words.answer, why=words.why,
+            compared=run.reading or words.compared, advice=words.advice, told="yes", phase="map",
         )  # fmt: skip
 
     def _show_map(self, settings: Settings, found: Mapping[str, Array] | InputError) -> None:
         if isinstance(found, InputError):
-            self._map.clear()
-            note = _joined(["No map", *found.problems])
+            changes, note = self._map.clear(), _joined(["No map", *found.problems])
         else:
-            note = "" if self._map.show(found, settings) else "This loop lies outside the map."
+            changes, is_on_it = self._map.show(found, settings)
+            note = "" if is_on_it else "This loop lies outside the map."
         self._turns += 1
-        self._say(phase="", turn=str(self._turns), problems=_joined(self._problems), **{"map-note": note})
+        problems = _joined(self._problems)
+        self._say(changes, settings, note=note, turn=str(self._turns), problems=problems, phase="")
         self._problems = []
-        if settings != self._settings:
-            self._wait()
 
     def _refuse(self, headline: str, sentences: list[str]) -> None:
-        self._say(headline=headline, problems=_joined(sentences), phase="refused")
+        self._told, nothing = None, dict.fromkeys(("compared", "learning", "why", "advice"), "")
+        texts = {"headline": headline, "problems": _joined(sentences), "told": "yes", "phase": "refused"}
+        self._soon(partial(self._say, **texts, **nothing))
 
-    def _say(self, **texts: str) -> None:
-        self._texts.data = dict(self._texts.data) | {name: [text] for name, text in texts.items()}
+    def _say(self, changes: Sequence[Change] = (), of: Settings | None = None, /, **texts: str) -> None:
+        """Send changes of the figures and texts in one message.  of: what they show; the page may have moved on."""
+        self._said |= texts if of in (None, self._settings) else texts | {"phase": "loop"}
+        self._sent.tags = [list(changes), dict(self._said)]
 
     # --- layout -------------------------------------------------------------------------------------------------------
 
     def _put_together(self, first_words: str) -> None:
         doc = self._doc
-        show = CustomJS(code=_SHOW, args={"texts": self._texts, "ids": list(_TEXTS)})
-        self._texts.js_on_change("data", show)
+        show = CustomJS(code=_SHOW, args={"sent": self._sent, "ids": list(_TEXTS)})
+        self._sent.js_on_change("tags", show)
         for widget in (*self._dials.values(), *self._menus.values()):
             widget.js_on_change("value", CustomJS(code=_MOVED))
         for fig in (*self._figures.all, self._map.fig):
@@ -243,12 +246,12 @@ class Page:
         doc.add_root(Column(menus["loop"], *self._dials.values(), *pairs, menus["window"], name="controls", **wide))
         doc.add_root(Row(menus["axes"], menus["colour"], name="map-choices", **wide))
         stories = [
-            _button(title, partial(self._move, settings_of_story(title, self._model.starts))) for title in STORIES
+            _button(name, partial(self._move, loop.settings_of_story(name, self._model.starts))) for name in STORIES
         ]
         reset = _button("Reset", partial(self._move, self._begin))
         link = _button("Copy link")
-        # a document holds what its widgets refer to: by this button the texts, too
-        link.js_on_click(CustomJS(code=_COPY, args={"texts": self._texts}))
+        # a document holds what its widgets refer to: by this button what is sent, too
+        link.js_on_click(CustomJS(code=_COPY, args={"sent": self._sent}))
         for name, buttons in (("stories", stories), ("tools", [reset, link])):
             doc.add_root(Row(*buttons, name=name, styles={"flex-wrap": "wrap", "gap": "4px"}))
         # what was said before the page was there is no change any more
@@ -273,7 +276,7 @@ def _button(title: str, act: Callable[[], None] | None = None) -> Button:
 ADDRESS = "127.0.0.1"
 """Not reachable from the network."""
 _NAMES = ("localhost", ADDRESS)
-_THREADS = 2
+_THREADS = 2  # for what comes first, and as many for what follows
 COMPILING = "Compiling the simulator, once: about 10 s.  The page then begins by itself."
 STARTING = "Starting …"
 _IDLE = 10_000  # ms without a connection, after which a page and its 2 MB are given back
@@ -306,15 +309,11 @@ class _FromHere(Matcher):  # type: ignore[misc]
         return {} if is_ours and is_known and not names_session else None
 
 
-def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
+async def serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until SIGINT or SIGTERM; all sessions share the model.
 
     port: 0 takes any that is free.  ready: called with the address of the page once it can be opened.
     """
-    asyncio.run(_serve(model, port, ready))
-
-
-async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     listening = _bound(port)
     port = listening.getsockname()[1]
     # foreign connections, and readers who leave, are no errors
@@ -323,10 +322,10 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     # no environment variable opens the page to others, or has it loaded from elsewhere
     settings.resources = "server"
     settings.allowed_ws_origin = [f"{name}:{port}" for name in _NAMES]
-    pool = ThreadPoolExecutor(_THREADS)
+    first, then = ThreadPoolExecutor(_THREADS), ThreadPoolExecutor(_THREADS)
 
     def begin(doc: Document) -> None:
-        Page(doc, model, pool, STARTING if is_compiled("emulate") else COMPILING)
+        Page(doc, model, first, then, STARTING if is_compiled("emulate") else COMPILING)
 
     app = BokehTornado(
         {"/": begin}, extra_websocket_origins=settings.allowed_ws_origin(), secret_key=secrets.token_bytes(32),
@@ -339,15 +338,16 @@ async def _serve(model: Model, port: int, ready: Callable[[str], None]) -> None:
     http.add_socket(listening)
     threading.Thread(target=compile_kernel, daemon=True).start()
     ended = asyncio.Event()
-    loop = asyncio.get_running_loop()
+    wake = asyncio.get_running_loop().call_soon_threadsafe
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
+        signal.signal(number, lambda *_: wake(ended.set))
     ready(f"http://{_NAMES[0]}:{port}/")
     await ended.wait()
     # what is under way is given up, which is no mistake
     logging.getLogger("tornado.application").setLevel(logging.CRITICAL)
     server.stop()
-    pool.shutdown(wait=False, cancel_futures=True)
+    for pool in (first, then):
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _bound(port: int) -> socket.socket:

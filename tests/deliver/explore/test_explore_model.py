@@ -20,6 +20,7 @@ from fastcoil.deliver.explore.loop import (
     STORIES,
     TRACES,
     Model,
+    explained,
     query_of,
     read_query,
     scene_of,
@@ -48,11 +49,11 @@ def usual(model):
 
 @pytest.fixture(scope="module")
 def tell(model):
-    """Return a function that gives the settings of a story, and what is shown of it."""
+    """Return a function that gives the settings of a story, and the traces and words that are shown of it."""
 
     def show(title):
         settings = settings_of_story(title, model.starts)
-        return settings, model.run(settings)
+        return settings, model.run(settings), model.explain(settings)
 
     return show
 
@@ -74,7 +75,7 @@ def tell(model):
 def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation(
     tell, working_day, title, by_hand, begins, has
 ):
-    _, run = tell(title)
+    _, run, words = tell(title)
     ds = fc.simulate(fc.Loop(**by_hand), working_day, traces=TRACES, trace_interval=5, n_jobs=1)
     for name in TRACES:
         np.testing.assert_array_equal(run.traces[name], ds[name])
@@ -82,11 +83,12 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
         np.testing.assert_array_equal(run.value(name), ds[name])
     np.testing.assert_array_equal(run.traces["T_set"], working_day.series["T_set"][0][::5])
     found = fc.explain(fc.Loop(**by_hand), working_day)
-    assert (run.answer, run.why, run.advice) == (found.answer, found.why, found.advice)
-    np.testing.assert_equal(run.margin, found.margin)
-    assert run.answer.startswith(begins)
-    assert ("chatters, 117 turns an hour: the estimate, 10 %, is larger" in run.answer) == ("too large" in title)
-    assert has in run.compared
+    assert (words.answer, words.why, words.advice) == (found.answer, found.why, found.advice)
+    np.testing.assert_equal(words.margin, found.margin)
+    assert words.answer.startswith(begins)
+    assert ("chatters, 117 turns an hour: the estimate, 10 %, is larger" in words.answer) == ("too large" in title)
+    assert has in words.compared
+    assert run.error == f"RMS error {run.value('rmse'):.2g} K"
     assert bool(run.learning) == (title == "Learning")
 
 
@@ -96,15 +98,16 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
 def test_whatever_the_loop_what_is_shown_is_the_explanation_beside_the_simulated_day():
     for seed in range(500):
         loop, day = any_loop(seed)
-        shown, found = explored(Scenario("any", loop, day, 1800, 0)), fc.explain(loop, day)
-        assert (shown.answer, shown.why, shown.advice) == (found.answer, found.why, found.advice)
-        assert shown.value("hunts") <= shown.answer.startswith("This loop will hunt")
+        scene, found = Scenario("any", loop, day, 1800, 0), fc.explain(loop, day)
+        shown, words = explored(scene), explained(scene)
+        assert (words.answer, words.why, words.advice) == (found.answer, found.why, found.advice)
+        assert shown.value("hunts") <= words.answer.startswith("This loop will hunt")
         np.testing.assert_equal(shown.value("rmse"), float(found.cures["rmse"][0]))
 
 
 @pytest.mark.kernel
 def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model, tell):
-    settings, run = tell("A valve test")
+    settings, run, words = tell("A valve test")
     start = run.scene.boundary.n_steps - 4500
     test = fc.ValveTest.gentle(start=start, settle=300)
     traces = ["command", "T_measured", "test"]
@@ -113,15 +116,15 @@ def test_the_story_of_a_valve_test_shades_it_and_says_what_read_test_reads(model
     r = fc.read_test(ds, stroke_time=0)
     assert r.identified
     assert abs(r.backlash - 0.07) <= 0.014
-    assert f"reads a gap of {100 * r.backlash:.3g} %" in run.compared
+    assert f"reads a gap of {100 * r.backlash:.3g} %" in run.reading
     figures = LoopFigures()
-    figures.show(run, settings.window)
     (shade,) = figures.temperature.select(BoxAnnotation)
-    assert (shade.left, shade.right, shade.visible) == (start / 3600, (start + 45 * 60 - EVERY) / 3600, True)
+    ends = {"left": start / 3600, "right": (start + 45 * 60 - EVERY) / 3600, "visible": True}
+    assert dict(figures.show(run, settings.window))[shade.id] == ends
     without = model.run(replace(settings, test="none"))
     assert without.reading == ""
-    figures.show(without, settings.window)
-    assert not shade.visible
+    assert not dict(figures.show(without, settings.window))[shade.id]["visible"]
+    assert model.explain(replace(settings, test="none")) is words
     assert model.map(settings) is model.map(replace(settings, test="none"))
 
 
@@ -157,9 +160,9 @@ def test_a_study_of_ones_own_is_shown_on_its_own_day(tmp_path):
 @pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.full)])
 def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
     """Those of docs/first-steps.md, in their order: every one, or each third."""
-    plain, _ = tell("7 % gap, plain PI")
-    inverse, run = tell("With the inverse")
-    learns, _ = tell("Learning")
+    plain, *_ = tell("7 % gap, plain PI")
+    inverse, run, _ = tell("With the inverse")
+    learns, *_ = tell("Learning")
     still = {"day": "constant"}
     experiments = (
         (plain, still, "about 0.97 K peak to peak every 3 min"),
@@ -172,8 +175,9 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
         (settings_of("lbnl", STARTS["lbnl"]), still | {"estimator": "learner"}, "chatters"),
     )
     for settings, changes, words in experiments[::step]:
-        seen = model.run(replace(settings, **changes))
-        assert words in f"{seen.answer}  {seen.advice} {seen.learning} {seen.why}", changes
+        changed = replace(settings, **changes)
+        seen = model.explain(changed)
+        assert words in f"{seen.answer}  {seen.advice} {model.run(changed).learning} {seen.why}", changes
     errors = model.map(plain)["rmse"]
     j, i = np.unravel_index(np.argmin(errors), errors.shape)
     assert (AXES["tuning"]["kp"][j], AXES["tuning"]["ti"][i]) == (0.1, 64.0)

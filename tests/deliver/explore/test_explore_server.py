@@ -155,6 +155,34 @@ def test_the_page_shows_what_is_computed_and_a_key_moves_all_of_it(page):
     assert data_of(page, "cells", "value") != cells
 
 
+WATCH = """
+window.seen = []
+const shows = id => getComputedStyle(document.getElementById(id)).visibility === 'visible'
+const source = (name, column) => Array.from(Bokeh.documents[0].get_model_by_name(name).get_array(column))
+new MutationObserver(() => window.seen.push([
+  document.body.dataset.phase, ['headline', 'advice', 'why', 'error'].map(shows),
+  document.getElementById('headline').textContent, source('traces', 'T_sup').at(-1), source('margins', 'margin'),
+])).observe(document.body, {attributes: true, attributeFilter: ['data-phase']})
+"""
+
+
+@pytest.mark.kernel
+@pytest.mark.full
+def test_while_a_loop_is_not_explained_the_words_and_the_margin_of_the_one_before_are_hidden(page):
+    before, old = text_of(page, "headline"), data_of(page, "traces", "T_sup")[-1]
+    page.execute_script(WATCH)
+    press(page, TI, 7)
+    seen = page.execute_script("return window.seen")
+    assert any(phase == "words" for phase, *_ in seen)
+    for phase, shown, headline, T_sup, margin in seen:
+        assert not (phase == "words" and shown[0])
+        assert shown == ([False, False, False, True] if not shown[0] else [True, True, True, False])
+        assert len(margin) == shown[0]
+        if shown[0]:
+            assert (headline == before) == (T_sup == old)
+    assert seen[-1][1] == [True, True, True, False]
+
+
 @pytest.mark.kernel
 @pytest.mark.full
 def test_ctrl_c_ends_it_in_a_line_and_the_page_says_so(shown_program, page):
