@@ -112,7 +112,7 @@ def mutated(kind, r, heats):
         ("V from here on", "command goes on in row 62 as if in another unit than before"),
         ("columns in another order from here on", "T_sup and command go on exchanged in row 62"),
         ("dew point in °C as °F", "declared in degF, and its numbers look like degC: write 'T_dp_in [degC]'"),
-        ("exchanged", "while T_sup stands still, as if they were exchanged: exchange the two headers"),
+        ("exchanged", "while T_sup is constant, as if they were exchanged: exchange the two headers"),
         ("°F from here on", "T_a_in jumps in row 62 as if °C and °F were in one column: write one unit"),
         ("supply and water exchanged", ""),
         ("air flow in kg/s as kg/h", "declared in kg/h, and its numbers look like kg/s: write 'm_a [kg/s]'"),

@@ -213,7 +213,7 @@ _CAPTION = (
 
 def fit_page(fit: Fit) -> page.Page:
     """The report of a fit."""
-    known_together = [line for line in fit.summary() if " are known only together " in line]
+    known_together = [line for line in fit.summary() if " are identified only in combination " in line]
     warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
     return _page(
         "Fit", f"{fit.kind.capitalize()} fitted to {fit.source}", _QUESTIONS[fit.kind], _answer_of(fit), warnings,
@@ -244,7 +244,7 @@ _ONE_PAGE = (
     "From the top: what each hour was like; supply air (line) and its set-point (dashed) in the two hours in which the "
     "motor moves most; the command of the controller; the probability of each size of the gap (bars) with its 95 % "
     "interval (grey band), grey bars where the log does not identify it; what the loop fitted to this log would do "
-    "with another valve, gain or controller, as found = 100 %."
+    "with another valve, gain or controller, present value = 100 %."
 )
 _CHOICE = (
     "Dots joined by a line: every tuning that no other beats in both error and motor travel, on the valves and days of "
@@ -254,8 +254,8 @@ _CHOICE = (
 )
 _DAY = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
 _TWO_PANELS = (
-    "Top: which gains hunt (shaded), with lines of equal margin, the loop as it is (red dot) and other tunings "
-    f"(marks).  Bottom: s{_DAY}"
+    "Top: gains that make the loop hunt (shaded), with lines of equal margin, the loop as it is (red dot) and other "
+    f"tunings (marks).  Bottom: s{_DAY}"
 )
 
 

@@ -86,7 +86,7 @@ def test_what_has_no_page_is_refused_in_a_sentence(valve, tmp_path):
     with pytest.raises(InputTypeError, match="what is a Loop: give the folder of a study"):
         fc.report(fc.Loop(), tmp_path / "x.html")
     (tmp_path / "mine.html").write_text("<p>mine</p>")
-    with pytest.raises(InputError, match=r"mine\.html: this file exists and is no report"):
+    with pytest.raises(InputError, match=r"mine\.html: this file exists and is not a report"):
         fc.report(valve, tmp_path / "mine.html")
     with pytest.raises(InputError, match=r"path is missing: give a file NAME.html, such as 'report.html'"):
         fc.report(valve)

@@ -138,7 +138,7 @@ def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
     (logs / "mine.png").write_text("a photo")
     (logs / "folder.png").mkdir()
     for name, sentence in (
-        ("ahu", "-o ahu.toml: this file exists and is no fit"),
+        ("ahu", "-o ahu.toml: this file exists and is not a fit"),
         ("mine", "mine.png exists and would be replaced"),
         ("folder", "folder.png exists and would be replaced"),
     ):
