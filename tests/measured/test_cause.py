@@ -114,7 +114,7 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         ({"size": 0.7, "identified": True}, "backlash", "the loop would not hunt without it"),
         ({"share": 0.1, "identified": True}, "unknown", "the command swings by 10 times the gap"),
         ({"explained": 0.8, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside seems to add"),
+        ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside the loop seems to add"),
         ({"outside": 1.8, "identified": True}, "backlash", "the loop would not hunt without it"),
         ({"outside": 2.2, "identified": True}, "unknown", "hide its swing"),
         ({"outside": 2.2, "own": True}, "backlash", "the loop would not hunt without it"),

@@ -119,7 +119,7 @@ def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, 
     assert "every 600 s" in coarse.reason
     short = fc.diagnose(log.isel(elapsed_time=slice(0, 120)))
     assert (short.identified, short.cause) == (False, "unknown")
-    assert "with the set-point held" in short.because
+    assert "at a constant set-point" in short.because
 
 
 def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(diagnosis, coarse, tmp_path):

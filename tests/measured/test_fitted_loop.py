@@ -155,7 +155,7 @@ def test_where_the_valve_is_moved_by_hand_the_log_tells_of_the_plant_only():
 def test_a_command_that_is_not_the_pi_s_is_refused(logged):
     command, T, T_set = logged[0]
     assert "no sample" in fit_loop_model(command, np.full(T.size, np.nan), T_set, INTERVAL, 0.08, STROKE)
-    assert "changes 0 times" in fit_loop_model(np.full(T.size, 0.4), T, T_set, INTERVAL, 0.08, STROKE)
+    assert "changes only 0 times" in fit_loop_model(np.full(T.size, 0.4), T, T_set, INTERVAL, 0.08, STROKE)
     assert "every 60 s" in fit_loop_model(command, T, T_set, 60.0, 0.08, STROKE)
     walk = 0.5 + 0.3 * np.sin(np.arange(T.size) / 9.0)
     assert "another control law" in fit_loop_model(walk, T, T_set, INTERVAL, 0.08, STROKE)

@@ -325,7 +325,7 @@ def test_a_log_backwards_in_time_shows_no_gap(monkeypatch):
     command, T, T_set = controlled(0.07)
     assert identify_backlash(command, T, INTERVAL, T_set).identified
     backwards = command[::-1], T[::-1], INTERVAL, T_set[::-1]
-    assert "moves before the temperature that it answers" in identify_backlash(*backwards).reason
+    assert "moves before the temperature change that it responds to" in identify_backlash(*backwards).reason
     monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))
     assert "backwards" in identify_backlash(*backwards).reason
 

@@ -101,7 +101,7 @@ def test_a_log_without_a_readable_test_is_refused(logs, changed, how, says):
 def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
     log = logs[0.08]
     assert not early.identified
-    assert "does not turn back" in early.reason
+    assert "does not reverse" in early.reason
     holes = log.T_measured.where(np.arange(log.sizes["elapsed_time"]) % 8 != 0)
     holes[START // STEP] = np.nan
     torn = fc.read_test(log.assign(T_measured=holes), stroke_time=90, drop=True)
