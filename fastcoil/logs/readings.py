@@ -311,4 +311,4 @@ def _bridge(
 def left_out(table: Table, name: str, lost: Mask, noun: str) -> str:
     """A note on what was left out."""
     first = first_row(table.row_numbers, lost)
-    return f"{counted(lost, noun)} left out: {name} is no admissible number ({first})"
+    return f"{counted(lost, noun)} left out: {name} is not an admissible number ({first})"

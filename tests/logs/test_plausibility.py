@@ -232,7 +232,7 @@ def test_a_few_readings_above_saturation_are_bad_values(tmp_path):
     assert "T_dp_in = 35 degC in row 9 is above saturation" in only_problem(read, tmp_path, text, log)
     found = read(tmp_path, text, log, drop=True)
     assert found.time.size == N - 2
-    assert "2 rows left out: T_dp_in is no admissible number (first in row 9)" in found.notes
+    assert "2 rows left out: T_dp_in is not an admissible number (first in row 9)" in found.notes
 
 
 @pytest.mark.parametrize("constants", [{"T_dp_in": 30}, {"W_a_in": 0.05}])

@@ -233,11 +233,11 @@ def _answer_of(fit: Fit) -> list[str]:
         why = fit.held.get("backlash", "see what to mind")
         lines.append(f"The log does not identify the size of the gap: {why}.")
     if VALIDATION not in rmse:
-        return [*lines, f"The model errs by {fitting} {unit} (RMS).  Nothing was held back to check it."]
+        return [*lines, f"The RMS error of the model is {fitting} {unit}.  Nothing was held back to check it."]
     plain, unseen = rmse.get(f"{VALIDATION}_without_backlash"), page.number(rmse[VALIDATION])
     without = "" if plain is None else f"; without a gap it would be {page.number(plain)} {unit}"
-    said = f"On the part of the log that it never saw, the model errs by {unseen} {unit} (RMS){without}."
-    return [*lines, f"{said}  On the part that it was fitted to, by {fitting} {unit}."]
+    said = f"On the part of the log held back, the RMS error of the model is {unseen} {unit}{without}."
+    return [*lines, f"{said}  On the part that it was fitted to, it is {fitting} {unit}."]
 
 
 _ONE_PAGE = (
@@ -273,7 +273,7 @@ def diagnosis_page(d: Diagnosis) -> page.Page:
 
 def tuning_page(t: Tuning) -> page.Page:
     """The report of a tuning."""
-    broken = "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
+    broken = "No tuning keeps every limit: the one shown breaks them least, and is not a recommendation."
     first, *lines = t.summary()
     answer = [first, next(line for line in lines if line.startswith("Held out, ")), t.advice]
     return _page(

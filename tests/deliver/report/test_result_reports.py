@@ -39,7 +39,7 @@ def test_a_fit_says_its_size_its_error_held_back_and_what_a_study_takes(valve, t
         f"The gap is {100 * valve.parameters['backlash']:.2f} % of the stroke (95 %: {100 * low:.2f} to "
         f"{100 * high:.2f} %)."
     ) in text
-    assert f"it never saw, the model errs by {valve.rmse['validation']:#.3g} kg/s (RMS)" in text
+    assert f"held back, the RMS error of the model is {valve.rmse['validation']:#.3g} kg/s" in text
     assert all(name in text for name in valve.parameters)
     assert " ".join(valve.to_toml().split()) in text
 
