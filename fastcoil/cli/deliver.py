@@ -100,7 +100,8 @@ def archive(folder: Path, out: Path | None) -> None:
 @click.option("--csv", is_flag=True, help="A row for each scenario-day.")
 @click.option("--metric", "metrics", multiple=True, help="Metric to have in the table; may be repeated.")
 @click.option("--at", multiple=True, metavar="NAME=LABEL", help="Only scenarios with this label; may be repeated.")
-@click.option("-o", "--out", type=PATH, metavar="FILE", help="File to write; NAME with its suffix here by default.")
+@click.option("-o", "--out", type=PATH, metavar="FILE",
+              help="File to write; by default NAME with the matching suffix in the current folder.")  # fmt: skip
 def export(
     path: Path, language: str | None, has_test: bool, csv: bool, metrics: tuple[str, ...], at: tuple[str, ...],
     out: Path | None,
@@ -119,12 +120,13 @@ def export(
         options = {"--csv": csv, "--metric": metrics, "--at": at}
         tables = [option for option, given in options.items() if given]
         if tables:
-            raise InputError(f"{', '.join(tables)}: for tables of results, and {path} is a TOML file: leave it out")
+            only = f"{' and '.join(tables)} work{'s' * (len(tables) == 1)} only for tables of results"
+            raise InputError(f"{only}, but {path} is a TOML file: give the folder of a study")
         export_code(path, language, out, has_test)
         return
     if language or has_test:
         option = "--language" if language else "--test"
-        raise InputError(f"{option}: for the controller of a TOML file, and {path} is none: leave it out")
+        raise InputError(f"{option} works only for the controller in a TOML file, and {path} is not one: leave it out")
     if not csv:
         raise InputError("give --csv, or a TOML file whose controller is exported")
     export_table(path, metrics, at, out)

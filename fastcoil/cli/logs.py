@@ -57,10 +57,10 @@ def require_writable(out: Path) -> None:
     """Raise, before any work, unless ``out`` can be written and is new or an earlier fit."""
     require_file("-o", out, ".toml")
     if exists(out) and not has_mark(out, b" fitted to ", 300):
-        raise InputError(f"-o {out}: this file exists and is no fit, choose another name or delete it")
+        raise InputError(f"-o {out}: this file exists and is not a fit: choose another name, or delete it")
     figure = out.with_suffix(".png")
     if exists(figure) and not exists(out):
-        raise InputError(f"-o {out}: {figure} exists and would be replaced, choose another name or delete it")
+        raise InputError(f"-o {out}: {figure} exists and would be replaced: choose another name, or delete it")
 
 
 @click.command()
@@ -82,10 +82,10 @@ def diagnose(
 ) -> None:  # fmt: skip
     """Find the backlash of a valve in a trend log, and why its loop hunts.
 
-    DATA is a CSV file with the columns command and T_sup, optionally T_set, m_a, T_a_in and enabled, or the usual names
-    of such points, and with elapsed_time or timestamp; or with a row for each value.  The backlash needs two hours or
-    more, a row every 30 s or faster, and changes of the set-point; a row every 15 min shows what each hour was like.
-    Several files are days of one valve.
+    DATA is a CSV file with the columns command and T_sup (optionally T_set, m_a, T_a_in and enabled), or the usual
+    names of these points, and a column elapsed_time or timestamp; files with one row per value are read as well.  To
+    show the backlash, log two hours or more, a row every 30 s or faster, with set-point changes; a row every 15 min is
+    enough for the state of each hour.  Several files are days of one valve.
 
     With --fleet, DATA are files of many valves, or folders of them; -o then names FILE.html, FILE.csv or a folder.
     """
@@ -95,7 +95,7 @@ def diagnose(
         _survey([data, *more], out, report, jobs, fail, options)
         return
     if jobs is not None:
-        raise InputError("--jobs: for many valves (--fleet), leave it out")
+        raise InputError("--jobs works only with --fleet: leave it out")
     if out is not None:
         require_writable(out)
     announce_compilation("mean_openings")
@@ -112,7 +112,7 @@ def _survey(
     from fastcoil.deliver.report.survey import AT_FAULT, HEAD, cells, headline, states
 
     if report is not None:
-        raise InputError("--report: with --fleet, give the page with -o FILE.html")
+        raise InputError("--report does not work with --fleet: write the page with -o FILE.html")
     announce_compilation("mean_openings")
     ds = fc.survey(logs, out, n_jobs=jobs, **options)
     rows = cells(ds)[:_MOST_SHOWN]
@@ -148,10 +148,11 @@ def valve_test() -> None:
 @click.option("--excursion", type=float, help="Error at which to stop, K.")
 @click.option("--rate", type=float, help="Rate of the first ramp, strokes per second.")
 @click.option("--threshold", type=float, help="Error at which a ramp ends, K.")
-@click.option("--settle", type=float, help="Wait before the first ramp, s; with 900 it also finds swings from outside.")
+@click.option("--settle", type=float,
+              help="Wait before the first ramp, s; 900 also detects swings from outside the loop.")  # fmt: skip
 @click.option("--hold", type=float, help="Wait after each ramp, s.")
 def plan_test(gentle: bool, heating: bool, **given: float | None) -> None:
-    """Print what a technician does with a stop-watch."""
+    """Print the steps for a technician with a stop-watch."""
     if gentle and heating:
         raise InputError("--gentle and --heating: give one of them")
     made = fc.ValveTest.gentle if gentle else fc.ValveTest.heating if heating else fc.ValveTest
@@ -225,7 +226,7 @@ def join(
 def _require_new(out: Path) -> None:
     require_file("-o", out, ".csv")
     if exists(out):
-        raise InputError(f"-o {out}: this file exists, choose another name or delete it")
+        raise InputError(f"-o {out}: this file exists: choose another name, or delete it")
 
 
 @click.group()

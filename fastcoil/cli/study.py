@@ -93,7 +93,8 @@ def run(
             say(f"{folder} holds this study, finished: nothing to do.")
             return
         merge = command_line(["fastcoil", "run", str(study), "-o", str(folder)])
-        say(f"Share {shard} is finished: {n_run:,} {SCENARIO_DAYS} run now.  When all are, to merge them: {merge}")
+        say(f"Share {shard} is finished: {n_run:,} {SCENARIO_DAYS} were run.")
+        say(f"When all shares are finished, merge them with: {merge}")
         return
     with interruptible(study, folder), Shown() as shown:
         finished = execute(

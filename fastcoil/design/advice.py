@@ -304,13 +304,13 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
             start = "Do this: " if not holds else known if best in with_gap else "If the error matters: "
             return Advice(best, f"{start}{effect(best)}{then(best)}")
         if not holds:
-            return Advice(0, "None of these makes it hold its set-point.")
+            return Advice(0, "None of these changes makes the loop hold its set-point.")
         words = {DEAD_BAND: "an error dead band would", REPAIRED: "a repaired valve would"}
         other = min(better, key=rank, default=0)
         ends = f"; {effect(other, words[options[other].name])}" if other else "."
         ends = " and stays calm" * any(one.error < BETTER * now.error and not calm(one) for one in options) + ends
         what = "gains" if options[other].name == DEAD_BAND else "settings"
-        return Advice(0, f"Leave it: none of these {what} takes 5 % off the error{ends}")
+        return Advice(0, f"Leave it: none of these {what} reduces the error by 5 %{ends}")
     best = min(able, key=rank, default=0)
     if not best:
         nearest = min(range(len(options)), key=lambda k: np.nan_to_num(options[k].error, nan=np.inf))
@@ -318,7 +318,7 @@ def advise(options: Sequence[Option], *, holds: bool = True, error: str = "RMSE"
         return Advice(0, f"None of these stops the {trouble}{ends}")
     text = f"Do this: {effect(best)}{then(best)}"
     if options[best].name == DEAD_BAND:
-        text += "  It only hides the swing: the margin and every error within the band stay."
+        text += "  It only hides the swing: the margin, and any error within the band, remain."
     if options[best].name == REPAIRED:
         text += f"  None of these settings stops the {trouble}."
     return Advice(best, text)

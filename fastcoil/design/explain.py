@@ -211,23 +211,23 @@ class Explanation:
         factor = HUNTS_ABOVE / margin if margin else math.inf
         if not self.predicted:
             return _why_not_predicted(self, self.prediction, known, factor, ti)
-        ends = "" if self.hunts else "  On this day no such swing lasts."
+        ends = "" if self.hunts else "  On this day no such swing persists."
         if margin <= HUNTS_ABOVE:
             # calm by its margin, but not once it swings: the margin is that of swings up to 2 K
             motor = f"the motor is too slow, with {stroke:g} s for a full stroke: " if stroke else ""
-            begun = "a large swing keeps itself up once it has begun, though a small one dies away"
+            begun = "a large swing sustains itself once started, although a small one dies out"
             return f"Why: {motor}{begun} ({known}).{ends}"
         if LONGER_TI in tried:
             needed = f"with this kp the loop needs about {float(self.cures['ti'].sel(cure=LONGER_TI)):g} s"
             fault = f"the integral is too fast for the coil: ti = {ti:.4g} s, while {needed}"
         else:
             highest = f"{number(kp * factor)} 1/K with this ti"
-            fault = f"the gain is too high: kp = {kp:.4g} 1/K, while it has to be below {highest}"
+            fault = f"the gain is too high: kp = {kp:.4g} 1/K, but it must be below {highest}"
         if self.hunts and REPAIRED in tried and not self.cures["hunting"].sel(cure=REPAIRED):
-            motor = f" and the motor's {stroke:g} s" if stroke else ""
-            ends = f"  Any backlash starts it; its {per_cent(backlash)}{motor} set the size of the swing."
+            determine = f"and the {stroke:g}-s stroke determine" if stroke else "determines"
+            ends = f"  Any backlash triggers it; the {per_cent(backlash)} gap {determine} the size of the swing."
         elif self.hunts:
-            ends = "  It swings behind a perfect valve, too."
+            ends = "  It would swing even with a perfect valve."
         return f"Why: {fault} ({known}).{ends}"
 
     @property
@@ -298,8 +298,8 @@ class Explanation:
         """How the motor chatters; empty where it does not."""
         now = self.simulated.isel(cure=0)
         estimate, gap = (per_cent(float(now[name])) for name in ("estimate_settled", "backlash_final"))
-        turns = f"its motor chatters, {6.0 * float(now['switch_frequency']):.0f} turns an hour"
-        return f"{turns}: the estimate, {estimate}, is larger than the backlash, {gap}" if now["chatters"] else ""
+        chatters = f"its motor chatters, {6.0 * float(now['switch_frequency']):.0f} reversals an hour"
+        return f"{chatters}: the estimate, {estimate}, is larger than the backlash, {gap}" if now["chatters"] else ""
 
     @property
     def _in_part(self) -> bool:
@@ -316,11 +316,11 @@ def _why_not_predicted(e: Explanation, prediction: Prediction, known: str, facto
     if e.hunts:
         return f"Why: theory does not predict it ({known}): noise, steps or changing conditions keep the swing going."
     if e.margin > HUNTS_ABOVE:
-        return f"Why: {known}, but theory finds no swing that counts."
+        return f"Why: {known}, but theory predicts no swing large enough to count as hunting."
     shortest = shortest_ti(prediction, HUNTS_ABOVE)
     ways = [f"with {factor:.3g} times this kp"] if math.isfinite(factor) else []
     ways += [f"with a ti below {number(shortest)} s"] if shortest < ti else []
-    return f"Why: {known}{', and it would ' * bool(ways)}{', or '.join(ways)}."
+    return f"Why: {known}{', and this one would ' * bool(ways)}{', or '.join(ways)}."
 
 
 def _table(e: Explanation) -> list[str]:
@@ -338,7 +338,7 @@ def _table(e: Explanation) -> list[str]:
         cells = (f"{margin[k]:.2f}", change, kelvin(swing[k]), moved)
         known = np.isfinite([margin[k], error[k], swing[k], travel[k]])
         rows.append((words, *(cell if is_known else "–" for cell, is_known in zip(cells, known, strict=True)), says))
-    return ["What could be done, and what it costs: the day simulated with each", *aligned(rows, right=range(1, 5))]
+    return ["Possible changes and their cost, each simulated on this day", *aligned(rows, right=range(1, 5))]
 
 
 _LEAST_SHARE = 0.5  # degrees; less is not shown
@@ -349,7 +349,8 @@ def _phase(phase: xr.DataArray) -> list[str]:
     ordered = phase.sortby(-phase)
     shares = zip(ordered["part"].values.tolist(), ordered.values.tolist(), strict=True)
     taken = [f"  {PARTS[part]:<22}{share:>4.0f}°" for part, share in shares if abs(share) >= _LEAST_SHARE]
-    return [f"Where the 180° of phase go, at one swing in {seconds(float(phase.attrs['period']))}:", *taken]
+    period = seconds(float(phase.attrs["period"]))
+    return [f"Phase lag of each part of the loop (180° in all), at a period of {period}:", *taken]
 
 
 def _agreement(e: Explanation, points: xr.Dataset) -> str:
@@ -360,7 +361,7 @@ def _agreement(e: Explanation, points: xr.Dataset) -> str:
         k = int(np.nanargmax(swings))
         cycle = f"up to {kelvin(swings[k])} peak to peak every {seconds(float(there['period'][k]))}"
     elif swings.size:
-        cycle = "a cycle, of a size that theory does not give"
+        cycle = "a cycle whose size theory does not give"
     line = f"Predicted: {cycle}; simulated over the day: {'failed' if e._failed else e.shows()}."
     return line + "  Where the two disagree, go by the simulation." * (e.predicted != e.hunts)
 
@@ -417,7 +418,7 @@ def _draw_gains(axes: Axes, cures: xr.Dataset, prediction: Prediction) -> None:
         axes.plot(own_ti[k], own_kp[k], mark, ms=7, color=colour, mec="black", mew=0.6, ls="none", label=words)
     axes.set(xscale="log", yscale="log", xlim=(times[0], times[-1]), ylim=(low, high))
     axes.set(xlabel="integral time Ti [s]", ylabel="proportional gain Kp [1/K]")
-    axes.set_title("Which gains hunt, by their margin", loc="left")
+    axes.set_title("Gains that make the loop hunt, judged by the margin", loc="left")
     axes.legend(loc="lower right", fontsize=7)
 
 

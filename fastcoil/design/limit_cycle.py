@@ -375,9 +375,8 @@ def limit_cycle(loop: Loop, boundary: Boundary, *, at: Any = None) -> xr.Dataset
         found, why = cycles_of(columns, plants), unknown(columns)
         why |= {"T_sup jumps past the set-point, from dry to wet: there is nothing to linearise": np.isnan(plants.gain)}
         slow = np.isnan(found.hunts) & ~np.any(list(why.values()), axis=0)
-        why["the smooth compensation crosses the gap more slowly than u turns: lower smooth_rate, or simulate it"] = (
-            slow
-        )
+        slower = "the smooth compensation crosses the gap more slowly than u reverses"
+        why[f"{slower}: lower smooth_rate, or simulate it"] = slow
         reasons.update({reason: int(where.sum()) for reason, where in why.items()})
         return found._asdict().items()
 

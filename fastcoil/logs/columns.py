@@ -49,7 +49,7 @@ class Reading:
         become NaN, an input that is missing in one row alone is bridged, other rows with one are left out.  None where
         the caller does not offer it.
     jumps
-        ``refuse`` time that goes back or stands still within a batch, or ``split`` the batch there; None where the
+        ``refuse`` time that goes back or does not advance within a batch, or ``split`` the batch there; None where the
         caller does not offer it.
     max_gap
         Longest step that does not end a batch [s]; three times the median step if None, and more in a log whose rows

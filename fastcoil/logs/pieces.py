@@ -119,7 +119,7 @@ def number_pieces(
         table.problems.append(_backward(time, back, rows, how, stamped))
         return np.zeros(time.size, dtype=np.int64), False
     if back.any():
-        notes.append(f"time goes back or stands still {counted(back, 'time')}: the record starts again there")
+        notes.append(f"time goes back or does not advance {counted(back, 'time')}: the record starts again there")
     forward = steps[~new & ~back]
     median = float(np.median(forward)) if forward.size else np.inf
     of_changes = longest_step(time, ~new & ~back, values)

@@ -124,7 +124,7 @@ def question_units(table: Table, readings: Readings, found: Mapping[str, int], h
     if {"T_sup", "T_set"} <= values.keys() and plausibility.are_exchanged(values["T_sup"], values["T_set"]):
         k = int(np.argmax(np.diff(values["T_set"]) != 0.0)) + 1
         table.problems.append(
-            f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup stands still, as if they "
+            f"T_set changes in most rows (first in row {table.row_numbers[k]}) while T_sup is constant, as if they "
             "were exchanged: exchange the two headers; if they are right, log T_sup in finer steps"
         )
 
@@ -311,4 +311,4 @@ def _bridge(
 def left_out(table: Table, name: str, lost: Mask, noun: str) -> str:
     """A note on what was left out."""
     first = first_row(table.row_numbers, lost)
-    return f"{counted(lost, noun)} left out: {name} is no admissible number ({first})"
+    return f"{counted(lost, noun)} left out: {name} is not an admissible number ({first})"

@@ -229,7 +229,7 @@ class Table:
         top = _header_index([row for _, row in rows[:_SAMPLE]])
         (first, header), data = rows[top], rows[top + 1 :]
         if top:
-            notes.append(f"what is above row {first} is no part of the table, from {shown(' '.join(rows[0][1]))} on")
+            notes.append(f"what is above row {first} is not part of the table, from {shown(' '.join(rows[0][1]))} on")
         units = None
         if data and _is_unit_row(data[0][1]) and any(map(_has_data, chain(*(row for _, row in data[1:3])))):
             number, cells = data.pop(0)
@@ -243,7 +243,7 @@ class Table:
                 del row[width:]
         if n_footer := _footer_length(data, width):
             (last, footer), data = data[-n_footer], data[:-n_footer]
-            notes.append(f"row {last} and what follows is no part of the table: {shown(' '.join(footer))}")
+            notes.append(f"row {last} and what follows is not part of the table: {shown(' '.join(footer))}")
         if len(data) < 2:
             raise InputError(f"{path} has {counted(len(data), 'row')} of data below its header: give at least two")
         table = cls(path.name, header, [row for _, row in data], [i for i, _ in data], separator=separator, notes=notes)

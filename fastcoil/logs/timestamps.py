@@ -87,7 +87,7 @@ def _of_numbers(
     with np.errstate(invalid="ignore"):
         good = (numbers >= least) & (numbers <= most)
     since = tick * np.rint(ticks * (np.where(good, numbers, of_1970) - of_1970)).astype(np.int64)
-    return Stamps(since, good, bool(time_zone), f"is none of the {what}, {least:g} to {most:g}", [], time_zone)
+    return Stamps(since, good, bool(time_zone), f"is not one of the {what}, {least:g} to {most:g}", [], time_zone)
 
 
 def read_stamps(cells: Sequence[str], row_numbers: Sequence[int], time_format: str | None, cure: str) -> Stamps:

@@ -300,7 +300,7 @@ class StoredFile:
             except FileNotFoundError:
                 raise IntegrityError(f"{self.path} is missing, open the study again or {self.cure}") from None
         if not stat.S_ISREG(found.st_mode):
-            raise IntegrityError(f"{self.path} is no regular file; {self.cure}")
+            raise IntegrityError(f"{self.path} is not a regular file; {self.cure}")
         return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
     def sha256(self, *, afresh: bool = False) -> str:

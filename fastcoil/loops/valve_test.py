@@ -93,14 +93,15 @@ class ValveTest:
             f"Limits: if T_sup is ever more than {self.excursion:g} K from its set-point, or water, fan or set-point "
             "change, stop: give the valve back to the controller.",
             "1. Note the time, the set-point and the command.  Switch the valve to manual and keep its command.",
-            f"2. Wait {self.settle:g} s.  If T_sup then moves by more than 0.3 K in a minute, wait on, or stop.",
+            f"2. Wait {self.settle:g} s.  If T_sup still moves by more than 0.3 K in a minute, keep waiting, or stop.",
             f"3. Change the command by {step:.2g} % of the stroke every {_EACH:g} s, in the direction that brings T_sup"
             " back to the set-point: open to cool (to heat, if it heats) where that is needed, else close.",
             f"4. When T_sup has passed the set-point by {self.threshold:g} K, or after {100 * FARTHEST:.0f} % of the "
             f"stroke, leave the command for {self.hold:g} s.",
-            f"5. If T_sup ran on by more than {overshoot:.2g} K after step 4, halve the change of step 3; if by less"
+            f"5. If T_sup overran by more than {overshoot:.2g} K after step 4, halve the change of step 3; if by less"
             f" than {overshoot / 2:.2g} K, double it.  Then move the command the other way, as in steps 3 and 4.",
-            f"6. Go on to and fro until {self.minutes:g} min have passed since step 1; twice each way is the least.",
+            f"6. Keep going back and forth until {self.minutes:g} min have passed since step 1, at least twice in each "
+            "direction.",
             "7. Note the time.  Give the valve back to the controller, bumplessly if it can, and log ten minutes more.",
             "After: fastcoil valve-test read LOG.csv --between START END, both in seconds from the start of the log.",
         ]

@@ -75,9 +75,9 @@ def cause_of(measures: Measures, fitted: FittedLoop | str, known: Known) -> Caus
     """
     swing, stroke = measures.swing, measures.command_swing
     if not swing.is_regular:
-        return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "no swing comes back regularly")
+        return Cause(UNKNOWN, measures.blind) if measures.blind else Cause(NONE, "there is no regular swing")
     if stroke > (WHOLE_STROKE if known.measured else FULL_SWING):
-        return Cause(TUNING, f"the command swings over {100 * stroke:.0f} % of the stroke, more than a gap makes it")
+        return Cause(TUNING, f"the command swings over {100 * stroke:.0f} % of the stroke, more than a gap can cause")
     if isinstance(fitted, str):
         return Cause(UNKNOWN, f"the loop could not be modelled: {fitted}")
     if sentence := too_little(fitted):
@@ -109,13 +109,18 @@ def _of_model(fitted: FittedLoop, measures: Measures, known: Known) -> Cause:
         sum(_swings_alike(quiet.played(gap, gain), swing) for gain in GAINS) for gap in (fitted.backlash, 0.0)
     )
     if without >= _MOST:
-        return Cause(TUNING, "the loop would hunt with a perfect valve, too")
+        return Cause(TUNING, "the loop would hunt even with a perfect valve")
     if with_gap >= _MOST and without == 0:
         return _of_gap(fitted, quiet, measures, known)
     if with_gap == 0 and not quiet.played(fitted.backlash, FAR_FROM_HUNTING).hunts:
-        return Cause(DISTURBANCE, "the loop would not hunt by itself: look for what swings outside, water or air")
+        return Cause(
+            DISTURBANCE,
+            "the loop would not hunt by itself: look for a swing from outside, in the water or the entering air",
+        )
     return Cause(
-        UNKNOWN, "a 10 % change of its gain decides whether the loop would hunt by itself; the log cannot resolve it"
+        UNKNOWN,
+        "a 10 % change of the loop gain decides whether the loop would hunt by itself, and the log does not show the "
+        "gain that accurately",
     )
 
 
@@ -149,11 +154,11 @@ def _more_than_the_gap(fitted: FittedLoop, quiet: FittedLoop, measures: Measures
     """What speaks for another cause of a swing that the gap alone would make, too, or nothing."""
     swing, plant = measures.swing, fitted.plant
     if measures.command_swing > _TIMES_GAP * fitted.backlash and not known.measured:
-        return f"the command swings over {measures.command_swing / fitted.backlash:.0f} times the gap"
+        return f"the command swings by {measures.command_swing / fitted.backlash:.0f} times the gap"
     if known.own:
         return ""
     if plant.explained < _WELL_EXPLAINED and 2.0 * quiet.played(quiet.backlash).amplitude < swing.peak_to_peak:
-        return "by less than the log: something outside seems to add to the swing"
+        return "by less than the log shows: something outside the loop seems to add to the swing"
     smooth = _smooth(fitted.day.disturbance, max(1, round(swing.period / SMOOTH / plant.step)))
     outside = float(np.std(smooth - quiet.day.disturbance)) * 2.0 * math.sqrt(2.0)  # peak to peak of a sine
     if outside > _TIMES_SWING * swing.peak_to_peak:
@@ -180,7 +185,7 @@ def _swings_alike(
 
 BUFFER = 0.01  # of the backlash inverse that is tried, fraction of stroke
 WORDS = {
-    "as_found": "as found",
+    "as_found": "present gains",
     "no_gap": "no gap",
     "half_gap": "half the gap",
     "half_gain": "half the gain",
@@ -191,8 +196,8 @@ _MEANINGS = {
     "rmse": ("K", "RMS control error"),
     "amplitude": ("K", "amplitude of the swing, half of peak to peak"),
     "period": ("s", "period of the swing"),
-    "travel_per_day": ("1", "strokes of the motor in a day"),
-    "reversals_per_day": ("1", "turns of the stem in a day"),
+    "travel_per_day": ("1", "strokes of the motor per day"),
+    "reversals_per_day": ("1", "reversals of the stem per day"),
     "hunts": ("1", "whether the loop hunts"),
 }
 

@@ -16,7 +16,7 @@ from fastcoil.measured.cause import Known, after_hold, cause_of, dies, predictio
 from fastcoil.measured.diagnosis import INDICES, Diagnosis, ValveReading, profile_of
 from fastcoil.measured.fitted_loop import fit_loop_model
 from fastcoil.measured.grid import Grid, in_a_row, on_grid
-from fastcoil.measured.identify import CANDIDATES, USUAL_STROKE_TIME, Identification, backlash_of, shown_by
+from fastcoil.measured.identify import CANDIDATES, CURE, USUAL_STROKE_TIME, Identification, backlash_of, shown_by
 from fastcoil.measured.measures import Measures, measures_of, triage_of, warnings_of
 from fastcoil.measured.part import runs
 
@@ -125,20 +125,21 @@ def diagnose(
         indices |= {"kp": abs(loop.pi.kp), "ti": loop.pi.ti, "sample_time": loop.pi.sample_time}
         indices |= {} if doubt else {"plant_gain": loop.plant.gain}
     if stroke_time is None:
-        notes.append(f"the motor is taken to need {seconds:g} s for its stroke: give stroke_time if it is known")
+        notes.append(f"the motor is assumed to take {seconds:g} s per stroke: give stroke_time if you know it")
     if lag is None and found.late:
         notes.append(
-            f"T_sup is logged {abs(found.late):g} s {'late' if found.late > 0.0 else 'early'} beside the command, as "
-            "the controller's answers show, and was moved; if that is wrong, give the lag (lag, --lag)"
+            f"judging by the controller's response, T_sup is logged {abs(found.late):g} s "
+            f"{'later' if found.late > 0.0 else 'earlier'} than the command, which was corrected; if that is wrong, "
+            "give the lag (lag, --lag)"
         )
     if "T_set" not in values:
-        notes.append("without a set-point (T_set) no error, no index of it, no cause and no prediction is computed")
+        notes.append("without a set-point (T_set), no control error, cause or prediction is computed")
     elif doubt:
         notes.append(f"no prediction: {doubt}")
     if sample_time is not None and sample_time < interval:
         notes.append(
-            f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s: turns of the "
-            "command between two samples are lost"
+            f"the log has a sample every {interval:.4g} s, the controller one every {sample_time:.4g} s: reversals "
+            "of the command between two samples are missed"
         )
     triage = triage_of(grid)
     return Diagnosis(
@@ -217,7 +218,7 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
         # the squared opening of the model does not follow the curve of a valve over so much of its stroke
         reason = (
             f"the command swings over {100 * measures.command_swing:.0f} % of the stroke, where the valve's curve "
-            "hides the gap: raise Ti until the loop is calm, and log again"
+            "hides the gap: raise Ti until the loop is calm, then log again"
         )
     elif grid.increment > LARGEST_INCREMENT:
         reason = (
@@ -226,10 +227,7 @@ def _doubted(found: Identification, grid: Grid, measures: Measures) -> Identific
         )
     elif found.high - found.low > WIDEST:
         low, high = found.low, found.high
-        reason = (
-            f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: change the set-point up and down, or "
-            "log longer"
-        )
+        reason = f"gaps from {100 * low:.2g} to {100 * high:.2g} % explain the log: {CURE}"
     else:
         return found
     return found._replace(low=low, high=high, identified=False, reason=reason)

@@ -31,8 +31,8 @@ INDICES = {
     "regularity": ("1", "regularity of the swing after Thornhill: regular above 1"),
     "periodic_share": ("1", "share of the variance that comes back after a period"),
     "command_swing": ("1", "median swing of the command in a period, peak to peak"),
-    "motor_travel": ("d-1", "strokes of the motor in a day"),
-    "reversals": ("d-1", "turns of the motor in a day"),
+    "motor_travel": ("d-1", "strokes of the motor per day"),
+    "reversals": ("d-1", "reversals of the motor per day"),
     "kp": ("K-1", "gain of the controller"),
     "ti": ("s", "integral time of the controller"),
     "sample_time": ("s", "time between samples of the controller"),
@@ -63,8 +63,8 @@ class Diagnosis(Result):
     profile
         Dataset over ``backlash``: the ``probability`` of each size.
     indices
-        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, travel and turns of the motor;
-        gain, integral time and sample time of the controller, gain of the plant, where the loop could be
+        Dataset of single numbers with units: errors, the swing, Thornhill's regularity, travel and reversals of the
+        motor; gain, integral time and sample time of the controller, gain of the plant, where the loop could be
         modelled.
     predictions
         Dataset over ``case`` (``as_found``, ``no_gap``, ``half_gap``, ``half_gain``, ``simc``, ``inverse``): kp and ti,
@@ -124,7 +124,7 @@ class Diagnosis(Result):
             return Advised(kp, ti, "Leave the gains: the swing comes from outside the loop.")
         if self.predictions is None:
             return by_step_test if self.hunts else Advised(kp, ti, "")
-        tried = {"as_found": (AS_IS, "as found"), "simc": (SIMC, _gains_of(self.predictions))}
+        tried = {"as_found": (AS_IS, "present gains"), "simc": (SIMC, _gains_of(self.predictions))}
         if self.identified and self.backlash > GOOD:
             tried |= {"inverse": (INVERSE, f"inverse of {per_cent(self.backlash)}"), "no_gap": (REPAIRED, "repair")}
         options = []
@@ -306,7 +306,7 @@ def _gap_in_words(d: Any) -> str:
     low, high = (100 * bound for bound in d.interval)
     within = f"{100 * d.backlash:.3g} % of the stroke (95 %: {low:.3g} to {high:.3g} %)"
     if d.identified:
-        return f"Gap: none to speak of, {within}" if d.backlash <= GOOD else f"Gap: {within}"
+        return f"Gap: negligible, {within}" if d.backlash <= GOOD else f"Gap: {within}"
     probable = "" if np.isnan(d.backlash) else f"; most probable {within.replace(' of the stroke', '')}"
     return f"Gap: not identified{probable}: {d.reason}"
 
@@ -315,18 +315,18 @@ def _hunting(d: Diagnosis) -> str:
     size, period = float(d.indices["peak_to_peak"]) / 2, float(d.indices["period"])
     if d.cause == NONE:
         error = float(d.indices["error_rms_settled"])
-        return f"Hunting: none: its error is {error:.2g} K (RMS, settled)" if np.isfinite(error) else "Hunting: none"
+        return f"Hunting: none; the settled RMS error is {error:.2g} K" if np.isfinite(error) else "Hunting: none"
     if not d.hunts:
         return f"Hunting: not clear: {d.because}"
     every = f"{period:.0f} s" if period < 120 else f"{period / 60:.0f} min"
     swinging = d.triage["swing"].values[d.triage["state"].values == SWINGS]
     if swinging.size and np.median(swinging) > _MORE * 2 * size:
-        every += " in the mean of the log"
+        every += " on average over the log"
     # of the three, the gap is blamed wrongly most often: see the table diagnosis_answers
     blamed = {
-        BACKLASH: ", probably because of the gap:",
-        TUNING: ", because of the tuning:",
-        DISTURBANCE: ", because of a disturbance:",
+        BACKLASH: ", probably caused by the gap:",
+        TUNING: ", caused by the tuning:",
+        DISTURBANCE: ", caused by a disturbance:",
     }
     return f"Hunting: ± {size:.2g} K every {every}{blamed.get(d.cause, ';')} {d.because}"
 
@@ -335,7 +335,7 @@ def _predicted(d: Diagnosis, cases: Sequence[str]) -> list[str]:
     """What the fitted loop would do with other gains, another valve or an inverse."""
     if d.predictions is None:
         return []
-    words = {"as_found": "As found", "simc": f"With {_gains_of(d.predictions)}", "no_gap": "Without the gap",
+    words = {"as_found": "Now", "simc": f"With {_gains_of(d.predictions)}", "no_gap": "Without the gap",
              "half_gap": "With half the gap", "inverse": "With a backlash inverse"}  # fmt: skip
     hunting = float(d.predictions["hunts"].sel(case="as_found"))
     lines = []
@@ -356,7 +356,9 @@ def _gains_of(predictions: xr.Dataset) -> str:
     return f"kp {kp:g} 1/K, ti {ti:g} s"
 
 
-_BY_STEP_TEST = "Do this: raise Ti to the lag of one step test (see the page on hunting), and log again."
+_BY_STEP_TEST = (
+    "Do this: raise Ti to the time constant T found by one step test (see docs/findings/hunting.md), then log again."
+)
 
 
 _TELLING = 7200.0  # seconds that are drawn
@@ -407,7 +409,7 @@ def _draw_log(above: Axes, below: Axes, seen: xr.Dataset) -> None:
         above.step(hours, seen["T_set"], color=YELLOW, ls="--", where="post", label="set-point")
     above.set_ylabel("temperature [°C]")
     above.tick_params(labelbottom=False)
-    above.set_title("Two telling hours", loc="left")
+    above.set_title("The two hours with the most motor travel", loc="left")
     above.legend(ncols=2, **_ABOVE)
     below.step(hours, 100 * seen["command"], color=RED, lw=1.0, where="post", label="command")
     below.set(xlabel="time [h]", ylabel="command [%]")
@@ -426,7 +428,7 @@ def _draw_profile(axes: Axes, d: Any) -> None:
 
 
 def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
-    """Error and travel in every case, as shares of what the model does as found."""
+    """Error and travel in every case, as shares of what the model does with the present gains."""
     axes.set_title("What the fitted loop would do", loc="left")
     if d.predictions is None:
         words = "no prediction: see the notes"
@@ -448,5 +450,5 @@ def _draw_predictions(axes: Axes, d: Diagnosis) -> None:
     axes.axvline(100, color="black", lw=0.8, ls=DOTTED)
     hunting = found["hunts"].values > 0
     axes.set_yticks(places, [WORDS[c] + "\n(hunts)" * bool(h) for c, h in zip(cases, hunting, strict=True)])
-    axes.set_xlabel("RMS error and motor travel [% of as found]")
+    axes.set_xlabel("RMS error and motor travel [% of present value]")
     axes.grid(visible=False, axis="y")

@@ -143,7 +143,7 @@ class Fit(Result):
 
     def summary(self) -> list[str]:
         """The fit in words, line by line."""
-        worth = f"{self.n_used:,} samples compared, worth {self.n_effective:,.0f} independent ones"
+        worth = f"{self.n_used:,} samples compared, equivalent to {self.n_effective:,.0f} independent ones"
         lines = [f"{self.source}: {worth}; {self.seconds:.1f} s"]
         for name, value in self.parameters.items():
             unit = "" if PARAMETERS[name].unit == "1" else f" {PARAMETERS[name].unit}"
@@ -156,8 +156,8 @@ class Fit(Result):
         lines += [f"{name}: {why}" for name, why in self.held.items() if name not in self.parameters]
         names, correlation = self.covariance["parameter"].values, self.correlation.values
         lines += [
-            f"{names[i]} and {names[j]} are known only together (correlation {correlation[i, j]:.3f}): keep them as a "
-            "pair"
+            f"{names[i]} and {names[j]} are identified only in combination (correlation {correlation[i, j]:.3f}): use "
+            "them as a pair"
             for i, j in np.argwhere(np.triu(np.abs(np.nan_to_num(correlation)) > _TOGETHER, 1))
         ]
         for name, value in self.rmse.items():
@@ -241,7 +241,10 @@ def poor(rmse: Mapping[str, float], fitted: Array, name: str, check: str) -> lis
     if VALIDATION not in rmse:
         notes.append("nothing was held back: the fit is not validated")
     elif (ratio := rmse[VALIDATION] / max(rmse[FITTING], _ROUND_OFF * float(np.std(fitted)))) > _MUCH:
-        notes.append(f"the validation errs {ratio:.1f} times as much as the fit: do not rely on it in other operation")
+        notes.append(
+            f"the validation error is {ratio:.1f} times the fitting error: do not rely on the fit under other "
+            "operating conditions"
+        )
     explained = 1.0 - (rmse[FITTING] / float(np.std(fitted))) ** 2
     if explained < _POOR:
         share = 100 * max(explained, 0.0)

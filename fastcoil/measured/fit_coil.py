@@ -471,7 +471,7 @@ def of_pieces(data: Log, loop: Loop, warm_up: float) -> list[str]:
 
 
 def require_temperatures(data: Log, compared: Mask, least: int, warm_up: float, notes: list[str]) -> None:
-    """Refuse a log with fewer than ``least`` temperatures to compare, or with a sensor that stands still."""
+    """Refuse a log with fewer than ``least`` temperatures to compare, or with a sensor that is constant."""
     if compared.sum() < least:
         seen = f"{counted(compared, 'temperature')} to compare in the part to fit, after the warm-up of {warm_up:g} s"
         cure = f"give at least {least}, lower warm_up, or raise split ({'; '.join(notes) or 'no gaps'})"

@@ -162,8 +162,8 @@ def _why_unidentified(
         why = f"not identified: {n_blocks} half hours are left to compare: give a log of five hours or more"
     elif problem.data.step > _COARSE_LOG and problem.moves > _MOVES:
         why = (
-            f"not identified: samples are {problem.data.step:.4g} s apart and the command moves between; turns are "
-            f"missed, so that the {x:.3g} that fits best is too small: log every 60 s or faster"
+            f"not identified: samples are {problem.data.step:.4g} s apart and the command moves between them; "
+            f"reversals are missed, so the best fit, {x:.3g}, is too small: log every 60 s or faster"
         )
     elif not explained > LEAST_EXPLAINED:
         why = (

@@ -138,7 +138,7 @@ def _in_order(data: Log) -> Log:
 
 
 def _check(data: Log, m_max: float | None) -> None:
-    """Refuse arguments that do not fit the log, and a log in which the valve stands still."""
+    """Refuse arguments that do not fit the log, and a log in which the valve does not move."""
     first = data.source == 0
     command, flow = data.values["command"][first], data.values["m_w"][first]
     known = flow[np.isfinite(flow)]
@@ -178,8 +178,8 @@ def _fit_of(problem: ValveProblem, solution: ValveSolution, holds: bool, started
         found = found._replace(why=f"not identified: {of_signal[0]}")
     elif has_live_zero(command, flow):
         of_signal = [
-            f"the valve is closed at a command of {command.min():.2g} and the command never falls below: it looks like "
-            "a signal of 2-10 V that was read as 0-10 V, which makes the backlash a fifth too small; declare its unit, "
+            f"the valve is closed at a command of {command.min():.2g} and the command never falls below that: this "
+            "looks like a 2-10 V signal read as 0-10 V, which makes the backlash a fifth too small; declare its unit, "
             "units={'command': 'V 2-10'}, --unit command='V 2-10', or log (command - 0.2) / 0.8"
         ]
 

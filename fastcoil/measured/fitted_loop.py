@@ -247,7 +247,7 @@ def fit_loop_model(
     if T_set is None:
         return "the log has no set-point (T_set)"
     if interval > HORIZON:
-        return f"the log has a sample every {interval:.4g} s only: log every {HORIZON:g} s or faster"
+        return f"the log has only one sample every {interval:.4g} s: log every {HORIZON:g} s or faster"
     last = slice(-int(MOST_SECONDS / interval), None)
     command, temperature, T_set = (np.asarray(series, float)[last] for series in (command, temperature, T_set))
     good = np.isfinite(command) & np.isfinite(temperature) & np.isfinite(T_set)
@@ -261,7 +261,7 @@ def fit_loop_model(
         return pi
     plant = fit_plant(command, temperature, good, interval, backlash, stroke_time, pi)
     if plant is None:
-        return "no plant that answers the valve explains the log: the temperature hardly follows the command"
+        return "no plant model that responds to the valve explains the log: the temperature hardly follows the command"
     nothing = np.zeros(T_set.size)
     as_played = Played(temperature, nothing, nothing, nothing)
     seen = outcome_of(as_played, Day(nothing, nothing, T_set, nothing, controlled), interval)
@@ -301,7 +301,10 @@ def what_if(
         undecided = f"between control errors of {min(errors):.2g} and {max(errors):.2g} K"
     else:
         return found
-    return f"a {100 * (GAIN_ERROR - 1.0):.0f} % change of its gain decides {undecided}; the log cannot resolve it"
+    return (
+        f"a {100 * (GAIN_ERROR - 1.0):.0f} % change of the loop gain decides {undecided}, and the log does not show "
+        "the gain that accurately"
+    )
 
 
 def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array) -> str:
@@ -320,6 +323,6 @@ def _doubt(fitted: FittedLoop, command: Array, temperature: Array, T_set: Array)
     if abs(math.log(replayed / logged)) < LARGEST_ERROR and abs(math.log(travel_ratio)) < LARGEST_TRAVEL_ERROR:
         return ""
     return (
-        f"the fitted loop does not repeat the log: it errs by {replayed:.2g} K, the log by {logged:.2g} K; its command "
-        f"travels {travels:.3g} strokes, that of the log {travelled:.3g}"
+        f"the fitted loop does not reproduce the log: its control error is {replayed:.2g} K, the logged one "
+        f"{logged:.2g} K; its command travels {travels:.3g} strokes, the logged one {travelled:.3g}"
     )

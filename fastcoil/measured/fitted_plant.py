@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.logs.series import counted
 from fastcoil.measured.grid import all_good, motor_positions, openings
 
 HELD = 1e-9  # a command that changes by less is held
@@ -67,7 +68,7 @@ def recover_pi(
     """kp, ti and, if None, the sample time of a PI; a sentence if the command follows none; ``gains``: kp > 0, ti."""
     changes = np.flatnonzero((np.abs(np.diff(command)) > HELD) & good[1:] & good[:-1]) + 1
     if changes.size < LEAST_CHANGES:
-        return f"the command changes {changes.size} times only: log a day on which the loop works"
+        return f"the command changes only {counted(changes.size, 'time')}: log a day on which the loop is in operation"
     every = _sample_time(command, changes, interval) if sample_time is None else sample_time
     answers = []
     for late in (0, 1):  # many logs write the command that answers a temperature one sample after it
@@ -96,8 +97,8 @@ def recover_pi(
         return found._replace(kp=math.copysign(gains[0], found.kp), ti=gains[1])
     if found.explained < LEAST_EXPLAINED:
         return (
-            f"a PI of the logged error explains {100 * max(found.explained, 0.0):.0f} % of the command's changes "
-            "only: another law runs, or an inverse, or the set-point in the log is not that of the controller"
+            f"a PI of the logged error explains only {100 * max(found.explained, 0.0):.0f} % of the command's changes: "
+            "the loop has another control law or an inverse, or the logged set-point is not the controller's"
         )
     if found.ti <= 0.0 or not np.isfinite(found.ti):
         return "the command moves without an error: not a PI"

@@ -99,7 +99,7 @@ def _thinned(grid: Grid) -> tuple[Grid, list[str]]:
         return grid, []
     name = "T_sup" if every["T_sup"][0] > 1 else "command"
     own = grid.part(slice(every[name][1], None, width))
-    often = f"every {own.interval:.4g} s only"
+    often = f"only every {own.interval:.4g} s"
     return own, [f"{name} has a value of its own {often}, those between are filled in: only its own count"]
 
 

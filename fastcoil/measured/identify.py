@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastcoil.base.arrays import Array, Index, Mask
+from fastcoil.logs.series import counted
 from fastcoil.measured.agreement import implied_law
 from fastcoil.measured.grid import all_good, held, mean_openings, motor_positions
 from fastcoil.measured.measures import in_control
@@ -198,9 +199,11 @@ the logarithm of the likelihood may rise, and by how much it has to exceed that 
 MOST_TO_AND_FRO, JUMPY_COUNTS = 0.01, 0.5
 """Share of the samples at which the command may move back what it moved the sample before; the share of the likelihood
 that counts of a log with more, which claims nothing alone."""
+CURE = "step the set-point up and down, or log longer"
 _JUMPS = (
-    "the command jumps to and fro from sample to sample, and the stem may have moved between them unseen: log as often "
-    "as the controller acts, say its sample time, and change the set-point up and down, or give four days or more"
+    "the command jumps back and forth from sample to sample, so movements of the stem between samples may be missed: "
+    "log at the controller's sample time, state that time (sample_time, --sample-time) and step the set-point up and "
+    "down, or give four days or more"
 )
 
 
@@ -260,11 +263,11 @@ def backlash_of(days: Sequence[Shown]) -> Identification:
     probability = np.exp(logarithm - np.logaddexp.reduce(logarithm))
     found = judged(probability, provoked, doubt)
     if found.identified and many and not provoked and _agreement(of_days, found.backlash) < LEAST_AGREEMENT:
-        found = judged(probability, provoked, "the days show different gaps: change the set-point up and down on one")
+        found = judged(probability, provoked, "the days show different gaps: step the set-point up and down on one")
     turned = sum(turns(day.positions, max(found.low, LEAST_TURN)) for day in compared)
     if found.identified and turned < LEAST_TURNS:
-        few = f"the valve turned {turned} times by more than such a gap, and {LEAST_TURNS} are needed: "
-        found = judged(probability, provoked, f"{few}change the set-point up and down, or log longer")
+        few = f"the valve reversed only {counted(turned, 'time')} by more than such a gap, and {LEAST_TURNS} reversals"
+        found = judged(probability, provoked, f"{few} are needed: {CURE}")
     high = min(found.high + max(day.lost for day in compared) * found.backlash, float(CANDIDATES[-1]))
     return found._replace(high=high, late=_most_frequent([day.late for day in compared]))
 
@@ -306,7 +309,7 @@ def shown_by(
         good &= np.isfinite(series)
     good = good if enabled is None else good & np.asarray(enabled, bool)
     if interval > LONGEST_INTERVAL:
-        return Shown([], doubt=f"the log has a sample every {interval:.4g} s only: log every {HORIZON:g} s or faster")
+        return Shown([], doubt=f"the log has only one sample every {interval:.4g} s: log every {HORIZON:g} s or faster")
     if not good.any():
         return Shown([], doubt="no sample has both a command and a temperature with the plant on")
     stroke_time = USUAL_STROKE_TIME if stroke_time is None else stroke_time
@@ -314,7 +317,8 @@ def shown_by(
     positions = motor_positions(command, interval, stroke_time)
     if turns(positions, LEAST_TURN) == 0:
         return Shown(
-            [], doubt="the command never turns back, and a gap shows at turns only: change the set-point up and down"
+            [],
+            doubt="the command never reverses, and a gap shows only at reversals: step the set-point up and down",
         )
     known = good if T_set is None else good & np.isfinite(T_set)
     law = implied_law(command, temperature, None if T_set is None else held(np.asarray(T_set, float)), known, interval)
@@ -334,7 +338,8 @@ def shown_by(
     found = [one for moved in ((0, samples) if samples < 0 and lag is None else (samples,)) if (one := compared(moved))]
     if not found:
         return Shown(
-            [], doubt="too little of the log can be used, or its temperature stands still: log for two hours or more"
+            [],
+            doubt="too little of the log is usable, or the temperature hardly changes: log for two hours or more",
         )
     provoked = is_provoked(command, temperature, good, T_set, interval)
     unseen = sample_time is None or sample_time < interval
@@ -345,17 +350,17 @@ def shown_by(
     if law.is_another:
         doubt = (
             f"a PI of this temperature explains only {100 * law.share:.3g} % of the command's changes: check that both "
-            "are of one loop and one clock; a loop under another law gives no size"
+            "belong to the same loop and the same clock; no size can be claimed for a loop with another control law"
         )
     elif law.ti < -interval:
         doubt = (
-            "the command moves before the temperature that it answers: check that the rows are in the order of time, "
-            "and the clocks of both points"
+            "the command moves before the temperature change that it responds to: check that the rows are in "
+            "chronological order and that both points share one clock"
         )
     elif provoked and (misplaced := _misplaced(compared, samples, interval, n, SHIFTS if lag is None else ())):
         doubt = misplaced
     elif arrivals(command, good) > max(MOST_ARRIVALS[0], MOST_ARRIVALS[1] * turns(positions, SWING)):
-        doubt = "the command runs to its ends again and again: raise Ti until the loop is calm, and log again"
+        doubt = "the command keeps reaching 0 or 100 %: raise Ti until the loop is calm, then log again"
     lost = LOST if unseen and interval > HORIZON else 0.0
     return Shown(found, provoked, doubt, counts, samples * interval, lost, jumpy and not (provoked and in_step),
                  positions)  # fmt: skip
@@ -380,23 +385,26 @@ def _misplaced(
     here, size = best(samples)
     if best(samples, way=-1)[0] > here - LEAST_FORWARD:
         return (
-            "the log explains itself backwards as well: check that the command moves this valve, and that the rows are "
-            "in the order of time"
+            "the log fits just as well when it is read backwards: check that the command drives this valve, and that "
+            "the rows are in chronological order"
         )
     if max(best(samples, rolled=quarters * n // 4)[0] for quarters in (1, 2, 3)) > here - LEAST_FORWARD:
-        return "temperatures of other hours answer the command as well: check that it moves this valve, or log longer"
+        return (
+            "the command explains the temperatures of other hours just as well: check that it drives this valve, or "
+            "log longer"
+        )
     for shift in shifts:
         there, other = best(samples - round(shift / interval))
         if there > here + MOST_SHIFTED and abs(other - size) > max(TOLERANCE * size, GOOD):
             return (
-                f"the temperature answers a command logged {shift:g} s after it even better: check the clocks of both "
-                "points, or give the lag between them (lag, --lag)"
+                f"the temperature fits a command logged {shift:g} s after it even better: check that both points share "
+                "one clock, or give the lag between them (lag, --lag)"
             )
     return ""
 
 
 def judged(
-    probability: Array, provoked: bool, doubt: str, cure: str = "change the set-point up and down, or log longer"
+    probability: Array, provoked: bool, doubt: str, cure: str = CURE
 ) -> Identification:  # fmt: skip
     """The most probable size and whether it may be claimed.
 
@@ -411,14 +419,17 @@ def judged(
     backlash = float(CANDIDATES[best])
     worse = bool(probability.max() >= LEAST_ODDS * probability[_IS_GOOD].max())
     if not doubt and backlash <= GOOD and not provoked:
-        doubt = "the command only follows the temperature, and a stuck stem looks like a good one: change the set-point"
+        doubt = (
+            "the command only follows the temperature, so a stem that stands still looks like one without a gap: step "
+            "the set-point"
+        )
     low, high = (0.0, float(CANDIDATES[-1])) if doubt else _interval(probability)
     low, reason = low if worse else 0.0, doubt
     if not doubt and (surely[best] < SURE or (backlash > GOOD and not worse)):
         sizes = f"gaps from {100 * low:.1f} % to {100 * high:.1f} %"
         reason = f"{sizes} explain the log: {cure}"
     elif not doubt and high >= CANDIDATES[-1]:
-        reason = f"the gap may be {100 * high:.0f} % of the stroke or more, and larger ones are not looked for"
+        reason = f"the gap may be {100 * high:.0f} % of the stroke or more; larger gaps are not tested"
     return Identification(backlash, low, high, not reason, reason, probability)
 
 

@@ -210,13 +210,14 @@ def _blind(grid: Grid, calm: Mask, swing: Swing) -> str:
     reasons = {
         f"a sample every {grid.interval:.4g} s misses swings of minutes: log every 30 s or faster":
             grid.interval > COARSE,
-        f"the loop is settled with its valve between the ends for {watched / 60:.0f} min only: log an hour or more of "
-        "that, with the set-point held": watched < LEAST_WATCHED,
+        f"the loop is settled, with the valve between its end stops, for only {watched / 60:.0f} min: log an hour or "
+        "more of such operation at a constant set-point": watched < LEAST_WATCHED,
         f"the log has no more than {piece / 60:.0f} min in one piece: log without gaps, or bridge them (max_gap)":
             piece < LEAST_PIECE,
-        "the log has no set-point (T_set), and its changes hide a swing: log it, too": "T_set" not in grid.values,
-        "the swing is not even enough to judge the whole log: log every 10 s, with half an hour between two changes "
-        "of the set-point": swing.peak_to_peak > WIDE and swing.regularity > REGULAR,
+        "the log has no set-point (T_set), and unlogged set-point changes may hide a swing: log T_set as well":
+            "T_set" not in grid.values,
+        "the swing is too irregular over the log as a whole: log every 10 s, with half an hour between set-point "
+        "changes": swing.peak_to_peak > WIDE and swing.regularity > REGULAR,
     }  # fmt: skip
     return next((reason for reason, holds in reasons.items() if holds), "")
 
@@ -411,20 +412,21 @@ def headline_of(triage: xr.Dataset) -> str:
     on = triage.isel(hour=triage["state"].values != OFF)
     hours, state, interval = on["hour"].size, on["state"].values, float(on.attrs["interval"])
     if not hours:
-        return "The plant is off in the whole log: log hours of operation, or check the column enabled."
+        return "The plant is off throughout the log: log it in operation, or check the column enabled."
     found, shut, calm = warnings_of(triage)[:2], on.isel(hour=state == SHUT), np.isin(state, (CONTROLS, HOLDS, OPEN))
     if not found and np.isnan(on["error"]).all():
-        found = [f"{hours} h: no fault shows; without T_set the error is not known"]
+        found = [f"{hours} h: no fault found; without T_set the control error is unknown"]
     elif not found:
         rms = float(on["error_rms"][calm].median())
         found = [f"{calm.sum()} of {hours} h in control, error typically {rms:.2g} K (RMS)"] * bool(calm.any())
-        found += [f"{shut['hour'].size} of {hours} h shut without a call"] * bool(shut["hour"].size)
+        n_shut = shut["hour"].size
+        found += [f"{n_shut} of {hours} h shut with no call for cooling or heating"] * bool(n_shut)
     off = float(abs(shut["error"]).median()) if shut["hour"].size > _WORTH * hours else 0.0
     fastest = f"{_PER_PERIOD * interval / 60:.0f} min"
     again = [f"every 10 s for a day: every {interval:.0f} s shows no gap and no swing faster than {fastest}"]
     again *= bool(interval > COARSE)
     if off > _DOUBTFUL and np.isnan(shut["from_air"]).all():
-        again += [f"T_a_in to see whether the valve leaks: shut, it leaves T_sup {off:.2g} K off"]
+        again += [f"T_a_in to see whether the valve leaks: with the valve shut, T_sup is {off:.2g} K off its set-point"]
     return f"{'; '.join(found) or f'{hours} h, too few to judge'}." + f" Log {'; log '.join(again)}." * bool(again)
 
 
@@ -461,6 +463,6 @@ def _said(fault: str, here: xr.Dataset) -> str:
         SHUT: f"the valve is shut and T_sup stays {beside}: it leaks or is stuck open, or a sensor is wrong",
         SILENT: f"the command moves and T_sup stays {off}: a stuck valve, a loose linkage or no water",
         LOCKED: f"the command keeps the valve shut while T_sup is {off}: look for an interlock or wind-up",
-        ASTRAY: f"T_sup is {rms:.2g} K (RMS) off, command at {100 * command:.0f} %: a slow loop, or one in hand",
+        ASTRAY: f"T_sup is {rms:.2g} K (RMS) off, command at {100 * command:.0f} %: a slow loop, or one in manual",
         SWINGS: f"T_sup swings ± {swing / 2:.2g} K{up_to} {every if np.isfinite(period) else unresolved}",
     }[fault]

@@ -91,7 +91,7 @@ def read_test(
     notes = [*data.notes, *notes]
     if stroke_time is None:
         stroke_time = USUAL_STROKE_TIME
-        notes.append(f"the motor is taken to need {stroke_time:g} s for its stroke: give stroke_time if it is known")
+        notes.append(f"the motor is assumed to take {stroke_time:g} s per stroke: give stroke_time if you know it")
     first, last = _rows_of_test(data.name, grid, between, notes)
     window = slice(max(first - round(BEFORE / grid.interval), 0), last + round(AFTER / grid.interval))
     command = held(grid.values["command"][: window.stop])
@@ -100,8 +100,8 @@ def read_test(
     if answer.dead_time in SKEWS:
         order = "after" if answer.dead_time < 0.0 else "before"
         notes.append(
-            f"the command seems to be logged {abs(answer.dead_time):g} s {order} the temperature, and the gap is read "
-            "as if it were: log both by one clock"
+            f"the command seems to be logged {abs(answer.dead_time):g} s {order} the temperature, and the reading "
+            "corrects for this: log both with one clock"
         )
     swing, held_for = _held(grid, command, first, last)
     cause = _cause(grid, stroke_time, first, last, found, (swing, held_for))
@@ -139,7 +139,9 @@ def _rows_of_test(name: str, grid: Grid, between: tuple[float, float] | None, no
         raise InputError(f"{name}: no column test: say when the test ran (between, --between START END)")
     found = runs(inside)
     if not len(found):
-        raise InputError(f"{name}: the log holds no test: the column test is 0 throughout, or between is outside of it")
+        raise InputError(
+            f"{name}: the log contains no test: the column test is 0 throughout, or between lies outside the log"
+        )
     if len(found) > 1:
         notes.append(f"the log has {len(found)} tests: the last is read, for another give between, --between")
     first, last = int(found[-1][0]), int(found[-1][1])
@@ -157,14 +159,16 @@ def _gap_of(grid: Grid, positions: Array, first: int, last: int, window: slice) 
     if missing > MOST_MISSING:
         doubt = f"{100 * missing:.0f} % of the temperatures are missing: test again, and log all"
     elif not turns(positions[first:last], LEAST_TURN):
-        doubt = "the command does not turn back in the test, and a gap shows at turns only: test again, for longer"
+        doubt = (
+            "the command does not reverse during the test, and a gap shows only at reversals: test again, for longer"
+        )
     answer = response(held(T), positions, window.start, first, grid.interval, inputs, CANDIDATES)
     if not doubt and abs(answer.dead_time) >= max(SKEWS):
-        doubt = "command and temperature are logged minutes apart: log both by one clock, and test again"
+        doubt = "command and temperature are logged minutes apart: log both with one clock, and test again"
     elif not doubt and answer.explained < LEAST_EXPLAINED:
         doubt = (
-            f"the command explains {100 * max(answer.explained, 0.0):.0f} % of what the temperature did: something "
-            "else moves it, test again when water and air are calm"
+            f"the command explains only {100 * max(answer.explained, 0.0):.0f} % of the temperature changes: something "
+            "else moves the temperature; test again when water and air are steady"
         )
     weighed = WEIGHT * answer.likelihood
     cure = "test again, for 30 minutes or more, or log m_a, T_a_in and T_w_in too"

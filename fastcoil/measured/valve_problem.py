@@ -67,7 +67,7 @@ def step_of(log: Log, fitting: Mask) -> float:
 
 
 def reversals(command: Array, batch: Index) -> int:
-    """How often the command turns by more than ``TURN``."""
+    """How often the command reverses by more than ``TURN``."""
     return sum(turns(command[piece], TURN) for piece in unbroken(batch))
 
 
@@ -99,13 +99,13 @@ def why_unidentified(n_reversals: int, interval: tuple[float, float], *, is_wide
     """Why a log does not identify the backlash; empty if it does.  n_reversals: of the command, within the pieces."""
     if n_reversals < _FEWEST_REVERSALS:
         return (
-            f"not identified: the command turns {n_reversals} times by more than {100 * TURN:.0f} % of stroke: give a "
-            "log in which it goes up and down, or bridge gaps with max_gap, --max-gap"
+            f"not identified: the command reverses only {counted(n_reversals, 'time')} by more than {100 * TURN:.0f} % "
+            "of stroke: give a log in which it goes up and down, or bridge gaps with max_gap, --max-gap"
         )
     if is_wide:
         return (
             f"not identified: anything from {interval[0]:.3g} to {interval[1]:.3g} fits as well (95 %): give a longer "
-            "log, in which the command also turns by little where the curve is steep"
+            "log, in which the command also makes small reversals where the curve is steep"
         )
     return ""
 

@@ -195,7 +195,7 @@ def archive_problems(path: Path) -> list[str]:
         except FastcoilError as error:
             wrong = str(error).splitlines()
         except Exception as error:  # the library raises many kinds where the bytes are no ZIP file
-            wrong = [f"is no archive ({error})"]
+            wrong = [f"is not an archive ({error})"]
         return [f"{path}: {problem.replace(place, str(path))}" for problem in wrong]
 
 

@@ -88,7 +88,7 @@ def test_a_table_has_what_is_asked_for(folder, export, tmp_path):
         ),
         (("--csv", "--at", "day=3"), "--at day=3: choose one of 1, 2"),
         (("--csv", "--metric", "rmsee"), "--metric 'rmsee' is not in this result, did you mean 'rmse'?"),
-        (("--csv", "--language", "c"), "--language: for the controller of a TOML file, and "),
+        (("--csv", "--language", "c"), "--language works only for the controller in a TOML file, and "),
     ],
 )
 def test_a_mistake_is_one_sentence_and_writes_nothing(folder, export, tmp_path, words, sentence):

@@ -56,7 +56,7 @@ def test_no_setting_of_python_or_matplotlib_stops_a_command(out):
     ends = [line for line in done.stdout.splitlines() if "ends with" in line]
     assert ends == ["run ends with 0", "plot ends with 0"], done
     assert "Traceback" not in done.stderr
-    assert "/out/shards/notes.txt is no shard" in done.stderr
+    assert "/out/shards/notes.txt is not a shard" in done.stderr
     assert (out / "figures" / "rmse_backlash.png").stat().st_size > 1000
 
 

@@ -32,7 +32,7 @@ def test_no_file_is_replaced_and_nothing_is_left_of_a_refused_call(tmp_path):
     for out in (other, command):
         refused = run(command, "-o", out)
         assert refused.exit_code == 2
-        assert "this file exists, choose another name or delete it" in refused.output + str(refused.exception)
+        assert "this file exists: choose another name, or delete it" in refused.output + str(refused.exception)
     assert other.read_text() == "mine"
     for arguments in (
         [],

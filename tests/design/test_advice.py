@@ -72,13 +72,13 @@ def test_what_is_said_of_a_cure(now, then, words):
         ([HUNTING, option("simc", 0.3, True), option("repaired_valve", 0.1)], "repaired_valve", "None of these set"),
         ([HUNTING, option("simc", 0.3, True)], AS_IS, "None of these stops the hunting; least error: words of simc"),
         ([HUNTING, option("simc", np.nan)], AS_IS, "None of these stops the hunting."),
-        ([QUIET, option("simc", 0.39), option("repaired_valve", 0.39)], AS_IS, "takes 5 % off the error."),
+        ([QUIET, option("simc", 0.39), option("repaired_valve", 0.39)], AS_IS, "reduces the error by 5 %."),
         ([QUIET, option("simc", 0.39), option("repaired_valve", 0.1)], AS_IS,
-         "takes 5 % off the error; a repaired valve would: RMSE -75 %, motor travel × 0.25."),
+         "reduces the error by 5 %; a repaired valve would: RMSE -75 %, motor travel × 0.25."),
         ([QUIET, option("simc", 0.3), option("repaired_valve", 0.1)], "simc", "If the error matters: words of simc"),
         ([QUIET, option("simc", 0.3, margin=0.9)], "simc", "but a margin of 0.9 is above 0.85."),
         ([HUNTING, option("simc", 0.3), option("inverse", 0.1, margin=3.0)], "simc", "a margin of 3 is above 0.85."),
-        ([QUIET, option("simc", 0.3, True)], AS_IS, "takes 5 % off the error and stays calm."),
+        ([QUIET, option("simc", 0.3, True)], AS_IS, "reduces the error by 5 % and stays calm."),
     ],
 )  # fmt: skip
 def test_one_option_is_recommended_and_the_sentence_names_it(options, best, words):
@@ -100,7 +100,7 @@ def test_a_motor_that_chatters_is_calmed_at_a_larger_error_if_need_be():
 def test_a_loop_with_too_large_an_estimate_is_told_of_its_chatter_and_of_what_ends_it():
     found = fc.explain(fc.Loop.preset("lbnl").assign(backlash_estimate=0.08, noise_std=0.05), DAY)
     assert found.answer.startswith("This loop will not hunt, but its motor chatters, ")
-    assert found.answer.endswith(" turns an hour: the estimate, 8 %, is larger than the backlash, 7 %.")
+    assert found.answer.endswith(" reversals an hour: the estimate, 8 %, is larger than the backlash, 7 %.")
     assert "chatters" not in fc.explain(FAST.assign(backlash_estimate=0.07, noise_std=0.05), DAY).answer
     assert "chatters" not in fc.explain(followed(found), DAY).answer
 

@@ -146,7 +146,7 @@ def test_points_of_a_long_log_keep_their_own_times(tmp_path):
     np.testing.assert_allclose(log.values["command"], (np.searchsorted(at, SECONDS[after], side="right") - 1) / 100)
     bad = text.replace(f",{T_SUP[9]} °C,ok", f",{T_SUP[9]} °C,fault", 1)
     assert f"T_sup = '{T_SUP[9]} °C {{fault}}' in row 19, bad by its status" in only_problem(read, tmp_path, bad)
-    said = "1 value left out: T_sup is no admissible number (first in row 19)"
+    said = "1 value left out: T_sup is not an admissible number (first in row 19)"
     assert said in read(tmp_path, bad, drop=True).notes
 
 

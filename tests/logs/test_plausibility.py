@@ -112,7 +112,7 @@ def mutated(kind, r, heats):
         ("V from here on", "command goes on in row 62 as if in another unit than before"),
         ("columns in another order from here on", "T_sup and command go on exchanged in row 62"),
         ("dew point in °C as °F", "declared in degF, and its numbers look like degC: write 'T_dp_in [degC]'"),
-        ("exchanged", "while T_sup stands still, as if they were exchanged: exchange the two headers"),
+        ("exchanged", "while T_sup is constant, as if they were exchanged: exchange the two headers"),
         ("°F from here on", "T_a_in jumps in row 62 as if °C and °F were in one column: write one unit"),
         ("supply and water exchanged", ""),
         ("air flow in kg/s as kg/h", "declared in kg/h, and its numbers look like kg/s: write 'm_a [kg/s]'"),
@@ -232,7 +232,7 @@ def test_a_few_readings_above_saturation_are_bad_values(tmp_path):
     assert "T_dp_in = 35 degC in row 9 is above saturation" in only_problem(read, tmp_path, text, log)
     found = read(tmp_path, text, log, drop=True)
     assert found.time.size == N - 2
-    assert "2 rows left out: T_dp_in is no admissible number (first in row 9)" in found.notes
+    assert "2 rows left out: T_dp_in is not an admissible number (first in row 9)" in found.notes
 
 
 @pytest.mark.parametrize("constants", [{"T_dp_in": 30}, {"W_a_in": 0.05}])

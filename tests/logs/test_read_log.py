@@ -94,7 +94,7 @@ def test_a_log_with_two_times_must_say_which_to_read(valve_log):
         fc.fit_valve, valve_log(rows, header), columns={"timestamp": "timestamp"}
     )
     fit = fc.fit_valve(valve_log(rows, header), columns={"timestamp": "timestamp"}, drop=True)
-    assert "1 row left out: timestamp is no admissible number (first in row 7)" in fit.notes
+    assert "1 row left out: timestamp is not an admissible number (first in row 7)" in fit.notes
 
 
 # --------------------------------------------------------------------------------------------- what is left out
@@ -103,7 +103,7 @@ def test_a_log_with_two_times_must_say_which_to_read(valve_log):
 def test_dropped_rows_gaps_and_jumps_are_counted(valve_log):
     rows = changed(changed(changed(valve_rows(), 5, 2, "nan"), 6, 2, "-999"), 9, 1, "off")
     fit = fc.fit_valve(valve_log(rows), drop=True)
-    assert "1 row left out: command is no admissible number (first in row 11)" in fit.notes
+    assert "1 row left out: command is not an admissible number (first in row 11)" in fit.notes
     assert any(note.startswith("2 values left out: m_w") for note in fit.notes)
     gappy = [[t + 3600 * (i > 30), c, m] for i, (t, c, m) in enumerate(valve_rows())]
     fit = fc.fit_valve(valve_log(gappy))
@@ -112,7 +112,7 @@ def test_dropped_rows_gaps_and_jumps_are_counted(valve_log):
     assert not any("gap in time" in note for note in bridged.notes)
     back = [[t - 900 * (i > 30), c, m] for i, (t, c, m) in enumerate(valve_rows())]
     fit = fc.fit_valve(valve_log(back), jumps="split")
-    assert any("goes back or stands still 1 time:" in note for note in fit.notes)
+    assert any("goes back or does not advance 1 time:" in note for note in fit.notes)
 
 
 def test_readings_that_scatter_about_a_bound_are_taken_as_the_bound(valve_log):

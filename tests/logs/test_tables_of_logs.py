@@ -21,21 +21,21 @@ def test_lines_before_the_header_are_left_out_and_said(tmp_path, before):
     assert_same_log(log)
     header = before.count("\n") + 1  # as a spreadsheet numbers them
     assert log.rows[0] == header + 1
-    assert any(f"above row {header} is no part of the table, from 'Trend report" in note for note in log.notes)
+    assert any(f"above row {header} is not part of the table, from 'Trend report" in note for note in log.notes)
 
 
 @pytest.mark.parametrize("after", ["End of report\n", "\nTotal: 60 rows\nPrinted by,the system,\n"])
 def test_lines_after_the_data_are_left_out_and_said(tmp_path, after):
     log = read(tmp_path, text_of(rows(), after=after))
     assert_same_log(log)
-    assert any(f"row {ROWS + 2 + after.startswith(chr(10))} and what follows is no part" in n for n in log.notes)
+    assert any(f"row {ROWS + 2 + after.startswith(chr(10))} and what follows is not part" in n for n in log.notes)
 
 
 @pytest.mark.parametrize("last", ["2024-07-12T00:3", "2024-07-12T00:30:00,50.0", "x,1"])
 def test_a_last_row_that_is_cut_off_is_refused(tmp_path, last):
     text = text_of(rows(), after=last)
     if last == "x,1":
-        assert any("no part of the table: 'x 1'" in note for note in read(tmp_path, text).notes)
+        assert any("not part of the table: 'x 1'" in note for note in read(tmp_path, text).notes)
     else:
         assert f"row {ROWS + 2} has {last.count(',') + 1} cell" in only_problem(read, tmp_path, text)
 

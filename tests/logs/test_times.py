@@ -200,7 +200,7 @@ def test_a_time_that_is_not_as_the_pattern_says_is_named(tmp_path):
     assert "timestamp = '2024-07-11T23:30:00' in row 2 is not as '%d/%m/%Y' says" in refused(
         tmp_path, ISO, time_format="%d/%m/%Y"
     )
-    assert "is none of the serial days of a spreadsheet" in refused(tmp_path, ISO, time_format="excel")
+    assert "is not one of the serial days of a spreadsheet" in refused(tmp_path, ISO, time_format="excel")
 
 
 @pytest.mark.parametrize("form", ["dd/mm/yyyy", "%Q", "", "%", "%d" * 99, "x%d%"])

@@ -73,7 +73,7 @@ def test_no_size_is_claimed_of_a_command_that_does_not_answer_this_temperature(l
     other = loop_log(hours=3.0, kp=0.03, ti=40.0, backlash=0.03, noise=0.02)
     found = fc.diagnose(log.assign(T_sup=other.T_sup), stroke_time=90.0)
     assert not found.identified
-    assert "% of the command's changes: check that both are of one loop and one clock" in found.reason
+    assert "% of the command's changes: check that both belong to the same loop and the same clock" in found.reason
 
 
 @pytest.mark.parametrize("late", [-6, 0, 4])

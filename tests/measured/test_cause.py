@@ -79,11 +79,11 @@ def test_a_loop_by_itself_has_its_drift_but_neither_noise_nor_the_swing(forced):
 @pytest.mark.parametrize(
     ("with_gap", "without", "cause", "says"),
     [
-        (True, True, "tuning", "would hunt with a perfect valve"),
+        (True, True, "tuning", "would hunt even with a perfect valve"),
         (True, False, "backlash", "would not hunt without it"),
         (False, False, "disturbance", "would not hunt by itself"),
-        (1.0, False, "unknown", "a 10 % change of its gain"),
-        (1.25, False, "unknown", "a 10 % change of its gain"),
+        (1.0, False, "unknown", "a 10 % change of the loop gain"),
+        (1.25, False, "unknown", "a 10 % change of the loop gain"),
     ],
 )
 def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypatch, with_gap, without, cause, says):
@@ -112,13 +112,13 @@ def test_the_cause_follows_from_what_the_fitted_loop_does_alone(forced, monkeypa
         ({"size": 0.7}, "unknown", "but the gap is not identified"),
         ({"size": 0.7, "own": True}, "backlash", "the loop would not hunt without it"),
         ({"size": 0.7, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"share": 0.1, "identified": True}, "unknown", "the command swings over 10 times the gap"),
+        ({"share": 0.1, "identified": True}, "unknown", "the command swings by 10 times the gap"),
         ({"explained": 0.8, "identified": True}, "backlash", "the loop would not hunt without it"),
-        ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside seems to add"),
+        ({"explained": 0.8, "size": 0.9, "identified": True}, "unknown", "something outside the loop seems to add"),
         ({"outside": 1.8, "identified": True}, "backlash", "the loop would not hunt without it"),
         ({"outside": 2.2, "identified": True}, "unknown", "hide its swing"),
         ({"outside": 2.2, "own": True}, "backlash", "the loop would not hunt without it"),
-        ({"share": 0.1, "own": True}, "unknown", "the command swings over 10 times the gap"),
+        ({"share": 0.1, "own": True}, "unknown", "the command swings by 10 times the gap"),
         ({"share": 0.1, "identified": True, "measured": True}, "backlash", "the loop would not hunt without it"),
     ],
 )
@@ -176,5 +176,5 @@ def test_a_wide_swing_that_is_not_even_enough_is_not_called_calm():
     said, swing = seen(0.7, 0.8)
     assert not swing.is_regular
     assert said.name == "unknown"
-    assert "not even enough" in said.because
+    assert "too irregular" in said.because
     assert seen(0.07, 0.08)[0].name == "none"

@@ -62,7 +62,7 @@ def test_a_calm_loop_has_no_cause(diagnosis):
 def test_a_loop_that_swings_from_end_to_end_is_blamed_on_its_tuning_and_no_size_is_claimed():
     found = fc.diagnose(loop_log(kp=0.08, ti=20.0), stroke_time=90.0)
     assert (found.cause, found.hunts, found.identified) == ("tuning", True, False)
-    assert any("because of the tuning" in line for line in found.summary())
+    assert any("caused by the tuning" in line for line in found.summary())
 
 
 def test_a_loop_whose_air_swings_is_blamed_on_a_disturbance():
@@ -119,7 +119,7 @@ def test_a_log_that_is_too_coarse_or_too_short_says_so_instead_of_claiming(log, 
     assert "every 600 s" in coarse.reason
     short = fc.diagnose(log.isel(elapsed_time=slice(0, 120)))
     assert (short.identified, short.cause) == (False, "unknown")
-    assert "with the set-point held" in short.because
+    assert "at a constant set-point" in short.because
 
 
 def test_the_toml_can_be_included_and_holds_a_backlash_only_if_it_is_identified(diagnosis, coarse, tmp_path):
@@ -182,7 +182,7 @@ def test_advice_has_the_gains_to_set_and_those_of_now_stand_above_it():
     lines = found.summary()
     now = next(k for k, line in enumerate(lines) if line.startswith("Controller: kp 0.0"))
     assert lines[now + 1] == found.advice.reason
-    assert lines[now + 2].startswith("As found: error ")
+    assert lines[now + 2].startswith("Now: error ")
     assert lines[now + 3].startswith(f"With kp {found.advice.kp:g} 1/K, ti {found.advice.ti:g} s: error ")
 
 

@@ -100,7 +100,7 @@ def test_nothing_is_claimed_of_a_coarse_log_of_a_command_that_moves():
 
 def test_what_the_log_cannot_tell_is_not_claimed(log):
     still = log.assign(command=log.command * 0.0 + 0.4)
-    assert "turns 0 times" in fc.fit_loop(still, MODEL).reason
+    assert "reverses only 0 times" in fc.fit_loop(still, MODEL).reason
     shuffled = log.assign(T_sup=log.T_sup.copy(data=np.random.default_rng(1).permutation(log.T_sup.values)))
     assert "explains" in fc.fit_loop(shuffled, MODEL).reason
 

@@ -155,10 +155,10 @@ def test_where_the_valve_is_moved_by_hand_the_log_tells_of_the_plant_only():
 def test_a_command_that_is_not_the_pi_s_is_refused(logged):
     command, T, T_set = logged[0]
     assert "no sample" in fit_loop_model(command, np.full(T.size, np.nan), T_set, INTERVAL, 0.08, STROKE)
-    assert "changes 0 times" in fit_loop_model(np.full(T.size, 0.4), T, T_set, INTERVAL, 0.08, STROKE)
+    assert "changes only 0 times" in fit_loop_model(np.full(T.size, 0.4), T, T_set, INTERVAL, 0.08, STROKE)
     assert "every 60 s" in fit_loop_model(command, T, T_set, 60.0, 0.08, STROKE)
     walk = 0.5 + 0.3 * np.sin(np.arange(T.size) / 9.0)
-    assert "another law" in fit_loop_model(walk, T, T_set, INTERVAL, 0.08, STROKE)
+    assert "another control law" in fit_loop_model(walk, T, T_set, INTERVAL, 0.08, STROKE)
     inverse, _, _ = day(estimate=0.076)
     assert "an inverse" in fit_loop_model(*inverse, INTERVAL, 0.08, STROKE)
 
@@ -166,7 +166,7 @@ def test_a_command_that_is_not_the_pi_s_is_refused(logged):
 @pytest.mark.parametrize("bound", ["LARGEST_ERROR", "LARGEST_TRAVEL_ERROR"])
 def test_a_replay_that_does_not_repeat_the_log_is_refused(logged, monkeypatch, bound):
     monkeypatch.setattr(f"fastcoil.measured.fitted_loop.{bound}", 0.0)
-    assert "does not repeat the log" in fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE).doubt
+    assert "does not reproduce the log" in fit_loop_model(*logged[0], INTERVAL, 0.08, STROKE).doubt
 
 
 @pytest.mark.parametrize(("every", "found"), [(5, 7.5), (30, 30.0)])

@@ -156,7 +156,7 @@ def test_of_filled_in_columns_the_logged_samples_stay():
     T = np.interp(time, own, walked(own.size))
     grid, notes = on_grid(log(time, command=0.5 + 0.1 * np.sin(time / 500.0), T_sup=T))
     assert grid.interval == 120.0
-    assert "every 120 s only" in notes[0]
+    assert "only every 120 s" in notes[0]
     np.testing.assert_allclose(grid.values["T_sup"], T[2::12])
     np.testing.assert_allclose(grid.time, own)
 

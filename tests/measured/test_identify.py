@@ -78,8 +78,8 @@ def test_gaps_and_times_off_are_left_out():
     ("change", "says"),
     [
         ({"interval": 61.0}, "every 30 s or faster"),
-        ({"command": np.linspace(0.2, 0.8, 2160)}, "never turns back"),
-        ({"command": np.full(2160, 0.5)}, "never turns back"),
+        ({"command": np.linspace(0.2, 0.8, 2160)}, "never reverses"),
+        ({"command": np.full(2160, 0.5)}, "never reverses"),
         ({"temperature": np.full(2160, 14.0)}, "too little"),
         ({"temperature": np.full(2160, np.nan)}, "no sample"),
     ],
@@ -132,7 +132,7 @@ def test_a_good_valve_is_claimed_only_if_something_else_than_the_temperature_mov
     assert judged(peak(0.0)).identified
     found = judged(peak(0.0), provoked=False)
     assert not found.identified
-    assert "stuck stem" in found.reason
+    assert "stem that stands still" in found.reason
     assert (found.low, found.high) == (0.0, 0.25)
     assert judged(peak(0.0), reaction=peak(0.08), provoked=False).backlash == pytest.approx(0.08)
 
@@ -158,8 +158,8 @@ def test_of_sizes_that_explain_alike_the_one_that_is_surely_right_is_named():
 def test_doubt_the_largest_size_and_what_counts_for_less_are_not_claimed():
     assert judged(peak(0.1)).identified
     assert judged(peak(0.1), doubt="because").reason == "because"
-    assert "larger ones are not looked for" in judged(peak(0.25)).reason
-    assert "larger ones are not looked for" in judged(peak(0.245, 0.003)).reason
+    assert "larger gaps are not tested" in judged(peak(0.25)).reason
+    assert "larger gaps are not tested" in judged(peak(0.245, 0.003)).reason
     assert not judged(peak(0.1, 0.012), counts=0.5).identified
     assert judged(peak(0.1, 0.012)).identified
 
@@ -217,11 +217,11 @@ def test_a_command_that_jumps_to_and_fro_needs_the_sample_time_and_counts_for_le
     command, T_set = steps()
     chatter = command + 0.04 * (np.random.default_rng(9).random(command.size) < 0.5)
     given = (chatter, plant(chatter, 0.05), INTERVAL, T_set)
-    assert "to and fro" in identify_backlash(*given).reason
-    assert "to and fro" in identify_backlash(*given, sample_time=15.0).reason
+    assert "back and forth" in identify_backlash(*given).reason
+    assert "back and forth" in identify_backlash(*given, sample_time=15.0).reason
     found = identify_backlash(*given, sample_time=10.0)
     assert found.backlash == pytest.approx(0.05, abs=0.01)
-    assert "to and fro" not in found.reason
+    assert "back and forth" not in found.reason
     monkeypatch.setattr("fastcoil.measured.identify.share_to_and_fro", lambda *_: 0.0)
     whole = identify_backlash(*given, sample_time=10.0).probability
     np.testing.assert_allclose(found.probability, np.sqrt(whole) / np.sqrt(whole).sum(), atol=1e-9)
@@ -272,7 +272,7 @@ def test_a_gap_is_claimed_from_three_turns_beyond_it_on_all_days_together():
         found = backlash_of([shown([likely], True, positions=np.array([0.4, 0.49, 0.4, 0.49]))] * days)
         assert found.identified == (turned > 2)
         if not found.identified:
-            assert found.reason.startswith(f"the valve turned {turned} times by more than such a gap")
+            assert found.reason.startswith(f"the valve reversed only {turned} times by more than such a gap")
             assert (found.low, found.high) == (0.0, CANDIDATES[-1])
 
 
@@ -286,7 +286,7 @@ def test_a_day_with_a_doubt_does_not_count_beside_others():
 
 def test_days_of_a_command_that_jumps_count_where_there_are_four():
     jumpy = shown([Likelihood(peak(0.05), peak(0.05), 900)], provoked=True, is_jumpy=True)
-    assert "to and fro" in backlash_of(3 * [jumpy]).reason
+    assert "back and forth" in backlash_of(3 * [jumpy]).reason
     assert backlash_of(4 * [jumpy]).backlash == pytest.approx(0.05)
     assert backlash_of(4 * [jumpy]).identified
 
@@ -316,7 +316,7 @@ def test_more_steady_days_than_ten_count_as_ten():
 
 def test_steady_days_alone_never_show_a_good_valve():
     steady = [shown([Likelihood(peak(0.0), peak(0.0), 900)]) for _ in range(3)]
-    assert "stuck stem" in backlash_of(steady).reason
+    assert "stem that stands still" in backlash_of(steady).reason
     stepped = shown([Likelihood(peak(0.0), peak(0.0), 900)], provoked=True)
     assert backlash_of([*steady, stepped]).identified
 
@@ -325,7 +325,7 @@ def test_a_log_backwards_in_time_shows_no_gap(monkeypatch):
     command, T, T_set = controlled(0.07)
     assert identify_backlash(command, T, INTERVAL, T_set).identified
     backwards = command[::-1], T[::-1], INTERVAL, T_set[::-1]
-    assert "moves before the temperature that it answers" in identify_backlash(*backwards).reason
+    assert "moves before the temperature change that it responds to" in identify_backlash(*backwards).reason
     monkeypatch.setattr("fastcoil.measured.identify.implied_law", lambda *_: Law(0, np.nan, 0.0))
     assert "backwards" in identify_backlash(*backwards).reason
 

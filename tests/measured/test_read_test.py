@@ -83,11 +83,11 @@ def test_a_csv_file_and_the_time_of_the_test_give_the_same(logs, found, tmp_path
     ("changed", "how", "says"),
     [
         (lambda log: log.drop_vars("test"), {}, "no column test"),
-        (lambda log: log.assign(test=0 * log.test), {}, "the log holds no test"),
+        (lambda log: log.assign(test=0 * log.test), {}, "the log contains no test"),
         (lambda log: log.isel(elapsed_time=slice(None, None, 3)), {}, "a sample every 30 s: log the test every 5 s"),
         (lambda log: log, {"between": (6000, 5000)}, "the end is not after the start"),
         (lambda log: log, {"between": (5400, 90000)}, "between ends at 90000 s, the log at 10790 s"),
-        (lambda log: log, {"between": (5401, 5409)}, "the log holds no test"),
+        (lambda log: log, {"between": (5401, 5409)}, "the log contains no test"),
         (lambda log: log, {"between": 5}, "between = 5: give start and end in seconds"),
         (lambda log: log, {"stroke_time": -1}, "stroke_time = -1"),
         (lambda log: log.assign(T_measured=log.T_measured * 0.0 + 14.0), {}, "T_sup does not move in the test"),
@@ -101,7 +101,7 @@ def test_a_log_without_a_readable_test_is_refused(logs, changed, how, says):
 def test_a_test_that_shows_nothing_is_not_identified_and_says_why(logs, early):
     log = logs[0.08]
     assert not early.identified
-    assert "does not turn back" in early.reason
+    assert "does not reverse" in early.reason
     holes = log.T_measured.where(np.arange(log.sizes["elapsed_time"]) % 8 != 0)
     holes[START // STEP] = np.nan
     torn = fc.read_test(log.assign(T_measured=holes), stroke_time=90, drop=True)

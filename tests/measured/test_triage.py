@@ -76,12 +76,12 @@ def test_a_shut_valve_that_leaks_is_told_by_the_entering_air(interval):
     found = fc.diagnose(log)
     assert set(states(found)) == {"shut"}
     assert not found.warnings
-    assert "og T_a_in to see whether the valve leaks: shut, it leaves T_sup 6 K off" in found.headline
+    assert "og T_a_in to see whether the valve leaks: with the valve shut, T_sup is 6 K off" in found.headline
     leaking = fc.diagnose(log.assign(T_a_in=log.T_sup + 8.0))
     assert "the valve is shut and T_sup stays 8 K below the entering air: it leaks" in leaking.headline
     assert states(leaking)[1:] == ["not responding"] * 9
     tight = fc.diagnose(log.assign(T_a_in=log.T_sup - 1.0))  # fan heat
-    assert "10 of 10 h shut without a call" in tight.headline
+    assert "10 of 10 h shut with no call" in tight.headline
 
 
 @pytest.mark.parametrize("interval", INTERVALS)
@@ -135,7 +135,7 @@ def test_an_uneven_swing_is_told_as_one():
 
 def test_a_command_that_stands_or_stays_shut_against_a_call_is_named():
     held = fc.diagnose(made_up(T_sup=17.0))
-    assert "T_sup is 3 K (RMS) off, command at 40 %: a slow loop, or one in hand" in held.headline
+    assert "T_sup is 3 K (RMS) off, command at 40 %: a slow loop, or one in manual" in held.headline
 
     def command(h):
         return np.where(h < 3.0, 0.4 + 0.1 * np.sin(20.0 * h), 0.0)
@@ -158,7 +158,7 @@ def test_without_a_set_point_swings_and_ends_still_show():
     assert "T_set is not logged" in found.triage.log_limits.values[0]
     assert np.isnan(found.triage.error).all()
     calm = fc.diagnose(made_up().drop_vars("T_set"))
-    assert "no fault shows; without T_set the error is not known" in calm.headline
+    assert "no fault found; without T_set the control error is unknown" in calm.headline
 
 
 def test_the_table_has_units_and_the_hours_of_every_log():

@@ -49,7 +49,7 @@ def test_a_valve_is_validated_with_a_second_log(tmp_path):
     assert_covered(fit, VALVE_TRUTH)
     assert fit.rmse["validation"] == pytest.approx(0.02, rel=0.2)
     other = log_of(c := walk(rng), flows(c, backlash=0.2))
-    assert any("the validation errs" in note for note in fc.fit_valve(logs[0], validation=other).notes)
+    assert any("the validation error is" in note for note in fc.fit_valve(logs[0], validation=other).notes)
 
 
 def test_what_a_valve_is_validated_with_has_no_influence_on_its_fit():

@@ -107,7 +107,7 @@ def test_a_log_without_reversals_gives_no_backlash():
     rng = np.random.default_rng(11)
     fit = fc.fit_valve(log_of(command, noisy(rng, flows(command), 0.01)), split=1.0)
     assert "backlash" not in fit.parameters
-    assert "turns 0 times" in fit.held["backlash"]
+    assert "reverses only 0 times" in fit.held["backlash"]
     fc.Loop().assign(**fit.parameters)
     assert not any(line.startswith("backlash =") for line in fit.summary())
 
@@ -151,7 +151,7 @@ def test_a_signal_of_2_to_10_V_read_as_one_of_0_to_10_V_is_suspected():
     flow = noisy(rng, flows(command), 0.01)
     read_wrong = fc.fit_valve(log_of(0.2 + 0.8 * command, flow), split=1.0, lag=0)
     (note,) = [one for one in read_wrong.notes if "2-10 V" in one]
-    assert note.startswith("the valve is closed at a command of 0.2 and the command never falls below")
+    assert note.startswith("the valve is closed at a command of 0.2 and the command never falls below that")
     assert note.endswith("or log (command - 0.2) / 0.8")
     assert read_wrong.parameters["backlash"] == pytest.approx(0.8 * 0.07, abs=0.004)
     for right in (command, 0.3 + 0.7 * command):

@@ -151,12 +151,12 @@ def test_mistakes_are_found_before_anything_is_computed(path, tmp_path):
     mine = path.parent / "mine.py"
     good = mine.read_text()
     for change, sentence in (
-        (("3e-4", "1e-4 * 3"), "the default of gain is no number: write one, so that the study can be read without"),
+        (("3e-4", "1e-4 * 3"), "the default of gain is not a number: write one, so that the study can be read without"),
         (("@fc.estimator(Parameters, Memory)", ""), r"put @fc.estimator\(Parameters, Memory\) before by_error"),
         (("def by_error", "def other"), "mine.py has no function by_error"),
         (("kp: float", "backlash: float"), "by_error reads backlash, which a rule must not know"),
         (("lower=0.0", "lower=1.0"), r"default = 0.0003: give a number \(at least 1\)"),
-        (("def limited(x", "def limited(x:"), "mine.py is no Python: SyntaxError"),
+        (("def limited(x", "def limited(x:"), "mine.py is not Python: SyntaxError"),
         (("abs(now.e)", "abs(now.ee)"), r"by_error does not compile, line \d+ of .*mine.*: Unknown attribute 'ee'"),
         (("import pathlib", "import pathlib\nraise ValueError('unripe')"), "does not run: ValueError: unripe"),
         (("class Memory", "Parameters._field_defaults['gain'] = 1.0\nclass Memory"),

@@ -177,7 +177,7 @@ MISTAKES = [
     ('metric = "rmse", half_width = 0.0', "half_width = 0: must be above 0"),
     ('metric = "rmse", half_width = -1', "half_width = -1: must be above 0"),
     ('metric = "rmse", half_width = 0.1, most = 20', "most = 20: must be at least 64, 32 batches of [sample] size"),
-    ('metric = "rmse", half_width = 0.1, baseline = { ratio = 0 }', "baseline: 'ratio' is no dimension of the loops"),
+    ('metric = "rmse", half_width = 0.1, baseline = { ratio = 0 }', "baseline: 'ratio' is not a dimension of the"),
     ('metric = "rmse", half_width = 0.1, baseline = { estimate_ratio = 2 }', "estimate_ratio has no label 2.0: choose"),
     ("half_width = 0.1", "metric is missing: give it, such as metric = \"rmse\""),
     ('metric = "rmse", half_width = "narrow"', "half_width = 'narrow': give a number"),

@@ -139,7 +139,8 @@ def test_shares_run_at_the_same_time_in_processes_of_their_own(out):
         said, complaint = process.communicate(timeout=120)
         assert process.returncode == 0, complaint
         assert (
-            "is finished: 6 scenario-days run now.  When all are, to merge them: fastcoil run study.toml -o out" in said
+            "is finished: 6 scenario-days were run.\n"
+            "When all shares are finished, merge them with: fastcoil run study.toml -o out\n" in said
         )
     resume(out, TRACED)
 

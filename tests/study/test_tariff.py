@@ -82,7 +82,7 @@ def test_the_summary_says_what_backlash_costs_also_after_an_extension(tmp_path):
         (TARIFF.replace("12", "'12'"), "[tariff] demand = '12': give the monthly price"),
         (TARIFF.replace("12", "-12"), "[tariff] demand = -12: give the monthly price"),
         (TARIFF + "electric_heat = 1", "[tariff] electric_heat = 1: give True or False"),
-        (TARIFF + "baseline = { tunning = 'slow' }", "[tariff] baseline: 'tunning' is no dimension of the loops"),
+        (TARIFF + "baseline = { tunning = 'slow' }", "[tariff] baseline: 'tunning' is not a dimension of the loops"),
         (TARIFF + "baseline = { tuning = 'slo' }", "[tariff] baseline: tuning has no label 'slo': choose one of as_f"),
         (TARIFF + "baseline = { tuning = 'slow', backlash = 0.0 }", "give one dimension and one of its labels"),
         (TARIFF + "baseline = { backlash = [0] }", "backlash has no label [0]: choose one of 0.0, 0.07"),

@@ -130,7 +130,7 @@ def _values_of(data: Any, metric: Any, **axes: Any) -> tuple[xr.DataArray, str]:
     numbers = [str(n) for n in ds.data_vars if ds[n].dtype.kind in "iufb" and "elapsed_time" not in ds[n].dims]
     if name not in numbers:
         near = metric_meant(name) if name not in METRICS else ""
-        raise InputError(f"metric = {shown(name)} is none of this result{near}; it has {', '.join(numbers)}")
+        raise InputError(f"metric = {shown(name)} is not in this result{near}; it has {', '.join(numbers)}")
     return ds[name], drawing.failed_in_words(ds)
 
 

@@ -186,7 +186,7 @@ def require_page(path: Path, option: str = "path") -> None:
     """Refuse, before any work, a path that cannot be written, or that holds anything but an earlier report."""
     require_file(option, path, ".html", ".htm")
     if exists(path) and not has_mark(path, _MARK):
-        raise InputError(f"{option} {path}: this file exists and is no report, choose another name or delete it")
+        raise InputError(f"{option} {path}: this file exists and is not a report: choose another name, or delete it")
 
 
 def picture(figure: Figure, caption: str, alt: str) -> Picture:

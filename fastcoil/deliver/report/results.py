@@ -213,7 +213,7 @@ _CAPTION = (
 
 def fit_page(fit: Fit) -> page.Page:
     """The report of a fit."""
-    known_together = [line for line in fit.summary() if " are known only together " in line]
+    known_together = [line for line in fit.summary() if " are identified only in combination " in line]
     warnings = [f"{name}: {why}" for name, why in fit.held.items() if why != "given"]
     return _page(
         "Fit", f"{fit.kind.capitalize()} fitted to {fit.source}", _QUESTIONS[fit.kind], _answer_of(fit), warnings,
@@ -233,18 +233,18 @@ def _answer_of(fit: Fit) -> list[str]:
         why = fit.held.get("backlash", "see what to mind")
         lines.append(f"The log does not identify the size of the gap: {why}.")
     if VALIDATION not in rmse:
-        return [*lines, f"The model errs by {fitting} {unit} (RMS).  Nothing was held back to check it."]
+        return [*lines, f"The RMS error of the model is {fitting} {unit}.  Nothing was held back to check it."]
     plain, unseen = rmse.get(f"{VALIDATION}_without_backlash"), page.number(rmse[VALIDATION])
     without = "" if plain is None else f"; without a gap it would be {page.number(plain)} {unit}"
-    said = f"On the part of the log that it never saw, the model errs by {unseen} {unit} (RMS){without}."
-    return [*lines, f"{said}  On the part that it was fitted to, by {fitting} {unit}."]
+    said = f"On the part of the log held back, the RMS error of the model is {unseen} {unit}{without}."
+    return [*lines, f"{said}  On the part that it was fitted to, it is {fitting} {unit}."]
 
 
 _ONE_PAGE = (
     "From the top: what each hour was like; supply air (line) and its set-point (dashed) in the two hours in which the "
     "motor moves most; the command of the controller; the probability of each size of the gap (bars) with its 95 % "
     "interval (grey band), grey bars where the log does not identify it; what the loop fitted to this log would do "
-    "with another valve, gain or controller, as found = 100 %."
+    "with another valve, gain or controller, present value = 100 %."
 )
 _CHOICE = (
     "Dots joined by a line: every tuning that no other beats in both error and motor travel, on the valves and days of "
@@ -254,8 +254,8 @@ _CHOICE = (
 )
 _DAY = "upply air as it is (red), with the recommended cure (blue) if there is one, and the set-point (dashed)."
 _TWO_PANELS = (
-    "Top: which gains hunt (shaded), with lines of equal margin, the loop as it is (red dot) and other tunings "
-    f"(marks).  Bottom: s{_DAY}"
+    "Top: gains that make the loop hunt (shaded), with lines of equal margin, the loop as it is (red dot) and other "
+    f"tunings (marks).  Bottom: s{_DAY}"
 )
 
 
@@ -273,7 +273,7 @@ def diagnosis_page(d: Diagnosis) -> page.Page:
 
 def tuning_page(t: Tuning) -> page.Page:
     """The report of a tuning."""
-    broken = "No tuning keeps every limit: the one shown breaks them least, and is no recommendation."
+    broken = "No tuning keeps every limit: the one shown breaks them least, and is not a recommendation."
     first, *lines = t.summary()
     answer = [first, next(line for line in lines if line.startswith("Held out, ")), t.advice]
     return _page(

@@ -113,7 +113,7 @@ def _targets(name: str, out: Any) -> list[Path]:
         if target.suffix.lower() != ".csv":
             require_page(target, name)
         elif not has_mark(target, _FIRST):
-            raise InputError(f"{name} {target}: this file exists and is no survey, choose another name or delete it")
+            raise InputError(f"{name} {target}: the file exists and is not a survey: choose another name, or delete it")
     return targets
 
 

@@ -37,7 +37,7 @@ def _require_leap_year(year: int, weather: Weather, file: str) -> None:
     if {"month", "day"} <= s.keys():
         leap = leap or bool(((s["month"] == 2) & (s["day"] == 29)).any())
     if isleap(year) != leap:
-        has, other = ("a", "a leap year") if leap else ("no", "a year that is no leap year")
+        has, other = ("a", "a leap year") if leap else ("no", "a year that is not a leap year")
         raise InputError(f"year = {year}: {file} has {has} 29 February, give {other}")
 
 

@@ -247,7 +247,7 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
     has = f"it has {', '.join(dims)}"
     unknown = [("baseline", d) for d in baseline if d not in dims] + [("over", d) for d in over if d not in dims]
     problems = [
-        f"{what}: {shown(d)} is no dimension of the result{nearest(str(d), dims)}; {has}" for what, d in unknown
+        f"{what}: {shown(d)} is not a dimension of the result{nearest(str(d), dims)}; {has}" for what, d in unknown
     ]
     both = [dim for dim in over if dim in baseline]
     problems += [f"over: {dim} is a dimension of the baseline: choose one or the other" for dim in both]
@@ -261,7 +261,7 @@ def _check(ds: xr.Dataset, baseline: Mapping[str, Any], over: list[str], names: 
         if name not in ds.data_vars:
             problems.append(f"metrics: {shown(name)} is not in the result{metric_meant(name)}")
         elif name not in _comparable(ds):
-            kind = "a flag" if name in METRICS else "no number for each scenario"
+            kind = "a flag" if name in METRICS else "not a number for each scenario"
             problems.append(f"metrics: {name!r} is {kind}, which has no differences: leave it out")
     if not baseline:
         problems.append("baseline is empty: give the dimension and label to compare with")

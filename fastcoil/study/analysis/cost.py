@@ -189,7 +189,7 @@ def _require_billable(ds: xr.Dataset) -> None:
         problems.append(f"ds has {', '.join(odd)} over other dims than status: give a whole result, with every day")
     problems += [f"ds has nothing along {dim}: choose a label at least" for dim, size in ds.sizes.items() if not size]
     taken = sorted(str(name) for name in {*ds.dims, *ds.coords} if name in TAKEN)
-    problems += [f"ds has a dimension or coordinate {name}, which the costs have, too: rename it" for name in taken]
+    problems += [f"ds has a dimension or coordinate {name}, which the costs also have: rename it" for name in taken]
     if not {*np.ravel(np.asarray(_action_of(ds), dtype=object))} <= {"cooling", "heating"}:
         problems.append(
             "ds does not say whether its coils cool or heat: keep its attributes, or give "

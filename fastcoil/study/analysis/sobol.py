@@ -63,7 +63,7 @@ def sobol_indices(
     problems = [f"metrics: {shown(n)} is not in the result{metric_meant(n)}" for n in names if n not in ds.data_vars]
     no_quantity = [n for n in names if n in ds.data_vars and not _is_metric(ds[n])]
     problems += [
-        f"metrics: {n!r} is no quantity over sample and design: give a metric such as rmse" for n in no_quantity
+        f"metrics: {n!r} is not a quantity over sample and design: give a metric such as rmse" for n in no_quantity
     ]
     refuse(problems)
     _require_independence(ds.sel(design="A"), parameters)

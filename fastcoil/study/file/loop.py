@@ -56,7 +56,7 @@ def _read_parameters(path: Path, name: str) -> dict[str, Any]:
     tables = parse_toml(read_text(path, _WHAT, _LARGEST), name)
     loop = tables.get("loop")
     if not isinstance(loop, dict) or set(tables) - {"loop", "fit"}:
-        raise InputError(f"{name} is no file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]")
+        raise InputError(f"{name} is not a file that `fastcoil fit` wrote: it needs a table [loop], and may have [fit]")
     problems: list[str] = []
     known = known_parameters(loop, problems)
     problems += [problem for problem in (PARAMETERS[n].problem(value) for n, value in known.items()) if problem]

@@ -115,7 +115,7 @@ def declared(kind: str, name: str, source: Source) -> Rule:
     try:
         module = ast.parse(source.source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise InputError(f"{source.path} is no Python: {type(error).__name__}: {error}") from None
+        raise InputError(f"{source.path} is not Python: {type(error).__name__}: {error}") from None
     functions = [node for node in module.body if isinstance(node, ast.FunctionDef) and node.name == name]
     if not functions:
         raise InputError(f"{source.path} has no function {name}")
@@ -153,7 +153,7 @@ def _fields(rule: str, cls: ast.ClassDef) -> Iterator[tuple[str, object]]:
             raise
         except (ValueError, TypeError, SyntaxError):
             raise InputError(
-                f"{rule}: the default of {name} is no number: write one, so that the study can be read without "
+                f"{rule}: the default of {name} is not a number: write one, so that the study can be read without "
                 "running it"
             ) from None
 

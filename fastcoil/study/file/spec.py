@@ -100,7 +100,7 @@ def _baseline_problems(baseline: Mapping[str, Any], layout: Layout) -> Iterator[
     for dim, label in baseline.items():
         if dim not in dims:
             known = f"choose one of {', '.join(dims)}" if dims else "the study has no dimension of its own"
-            yield f"baseline: {shown(dim)} is no dimension of the loops{nearest(dim, dims)}: {known}"
+            yield f"baseline: {shown(dim)} is not a dimension of the loops{nearest(dim, dims)}: {known}"
         elif label not in (labels := layout.coordinates()[dim].values.tolist()):
             yield f"baseline: {dim} has no label {shown(label)}: choose one of {listed(labels)}"
 

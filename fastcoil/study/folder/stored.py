@@ -221,7 +221,7 @@ class Shards:
         named = SHARD_NAME.fullmatch(path.name)
         with storage_errors(path, "read"):
             if not named or (path.exists() and not path.is_file()):
-                return None, "is no shard"
+                return None, "is not a shard"
             data = path.read_bytes()
         # before anything else: the HDF5 library may crash on damaged bytes
         if hashlib.sha256(data).hexdigest()[:32] != named[2]:
@@ -280,7 +280,7 @@ def open_final(folder: Path, manifest: Manifest | None) -> xr.Dataset:
             check_result(ds)
     except (ValueError, TypeError) as error:
         raise IntegrityError(
-            f"{path} is no result of a study (its status or metrics are missing, or no numbers); {_CURES[True]}"
+            f"{path} is not a result of a study (its status or metrics are missing, or no numbers); {_CURES[True]}"
         ) from error
     if later:
         raise InputError(f"{path} was written by a later version of fastcoil: open it with that version")

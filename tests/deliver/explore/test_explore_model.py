@@ -86,7 +86,7 @@ def test_a_story_shows_what_simulate_gives_to_the_bit_and_quotes_the_explanation
     assert (words.answer, words.why, words.advice) == (found.answer, found.why, found.advice)
     np.testing.assert_equal(words.margin, found.margin)
     assert words.answer.startswith(begins)
-    assert ("chatters, 117 turns an hour: the estimate, 10 %, is larger" in words.answer) == ("too large" in title)
+    assert ("chatters, 117 reversals an hour: the estimate, 10 %, is larger" in words.answer) == ("too large" in title)
     assert has in words.compared
     assert run.error == f"RMS error {run.value('rmse'):.2g} K"
     assert bool(run.learning) == (title == "Learning")
@@ -167,7 +167,7 @@ def test_the_experiments_of_the_page_show_what_it_says(model, tell, step):
     experiments = (
         (plain, still, "about 0.97 K peak to peak every 3 min"),
         (plain, still | {"backlash": 0.0}, "will not hunt.  Leave it: its error is below 0.01 K."),
-        (inverse, {"backlash_estimate": 0.075}, "chatters, 113 turns an hour"),
+        (inverse, {"backlash_estimate": 0.075}, "chatters, 113 reversals an hour"),
         (plain, still | {"ti": 12.0}, "margin 0.93"),
         (plain, still | {"ti": 15.0}, "margin 0.67"),
         (learns, {}, "right since hour 1.2"),

@@ -180,4 +180,4 @@ def test_the_command_has_it_by_an_option_or_by_the_file(tmp_path, monkeypatch):
         text = (tmp_path / "valve.c").read_text()
         assert f"TEST_HOLD {150 if name == 'full' else 120}.0" in text
     done = CliRunner().invoke(main, ["export", ".", "--csv", "--test"])
-    assert "--test: for the controller of a TOML file" in done.output
+    assert "--test works only for the controller in a TOML file" in done.output

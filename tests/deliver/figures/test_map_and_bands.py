@@ -63,7 +63,7 @@ def test_what_failed_is_told(ds):
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda ds: fc.plot.map(ds, "rms"), "metric = 'rms' is none of this result, did you mean 'rmse'?"),
+        (lambda ds: fc.plot.map(ds, "rms"), "metric = 'rms' is not in this result, did you mean 'rmse'?"),
         (lambda ds: fc.plot.map(ds, x="backlas"), "x = 'backlas' is not a swept number, did you mean 'backlash'?: "
          "this result sweeps backlash, estimate_ratio"),
         (lambda ds: fc.plot.map(ds, x="backlash", y="backlash"), "backlash is named twice: choose two different axes"),

@@ -39,7 +39,7 @@ def test_a_fit_says_its_size_its_error_held_back_and_what_a_study_takes(valve, t
         f"The gap is {100 * valve.parameters['backlash']:.2f} % of the stroke (95 %: {100 * low:.2f} to "
         f"{100 * high:.2f} %)."
     ) in text
-    assert f"it never saw, the model errs by {valve.rmse['validation']:#.3g} kg/s (RMS)" in text
+    assert f"held back, the RMS error of the model is {valve.rmse['validation']:#.3g} kg/s" in text
     assert all(name in text for name in valve.parameters)
     assert " ".join(valve.to_toml().split()) in text
 
@@ -86,7 +86,7 @@ def test_what_has_no_page_is_refused_in_a_sentence(valve, tmp_path):
     with pytest.raises(InputTypeError, match="what is a Loop: give the folder of a study"):
         fc.report(fc.Loop(), tmp_path / "x.html")
     (tmp_path / "mine.html").write_text("<p>mine</p>")
-    with pytest.raises(InputError, match=r"mine\.html: this file exists and is no report"):
+    with pytest.raises(InputError, match=r"mine\.html: this file exists and is not a report"):
         fc.report(valve, tmp_path / "mine.html")
     with pytest.raises(InputError, match=r"path is missing: give a file NAME.html, such as 'report.html'"):
         fc.report(valve)

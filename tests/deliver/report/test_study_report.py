@@ -164,7 +164,7 @@ def test_a_file_that_is_no_report_is_not_replaced_and_another_folder_is_refused(
     copied(PLAIN, out)
     mine, other = tmp_path / "mine.html", tmp_path / "other"
     mine.write_text("<p>mine</p>")
-    with pytest.raises(InputError, match=r"mine\.html: this file exists and is no report"):
+    with pytest.raises(InputError, match=r"mine\.html: this file exists and is not a report"):
         fc.report(out, mine)
     done = fastcoil("report", out, "-o", tmp_path / "page.pdf")
     assert done.exit_code == 2

@@ -114,7 +114,7 @@ def test_a_survey_is_no_log_and_replaces_itself_alone(building, tmp_path):
         ds = fc.survey(tmp_path, tmp_path)
     assert list(ds.valve.values) == ["AHU"]
     before = (tmp_path / "AHU.csv").read_bytes()
-    assert_only_problem(["no survey"], fc.survey, tmp_path, tmp_path / "AHU.csv")
+    assert_only_problem(["not a survey"], fc.survey, tmp_path, tmp_path / "AHU.csv")
     assert (tmp_path / "AHU.csv").read_bytes() == before
     assert_only_problem(["NAME.html"], fc.survey, tmp_path, tmp_path / "out.txt")
 

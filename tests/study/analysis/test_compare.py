@@ -110,7 +110,7 @@ def test_every_metric_of_a_simulation_can_be_compared(swept):
     [
         ({"baseline": {"kpp": 0}, "over": "day"}, "did you mean 'kp'"),
         ({"baseline": {"kp": 7}, "over": "day"}, "no label 7; choose one of 0, 1"),
-        ({"baseline": {"kp": 0}, "over": "replicate"}, "'replicate' is no dimension"),
+        ({"baseline": {"kp": 0}, "over": "replicate"}, "'replicate' is not a dimension"),
         ({"baseline": {"kp": 0}, "over": "kp"}, "choose one or the other"),
         ({"baseline": {"kp": 0}, "over": "day", "metrics": ["rmsee"]}, "did you mean 'rmse'"),
         ({"baseline": {"kp": 0}, "over": []}, "over is empty"),
@@ -154,7 +154,7 @@ def test_a_metric_of_the_study_s_own_is_compared_like_ours():
     found = fc.compare(own, baseline={"kp": 0}, over="day")
     assert found.peak.sel(kp=1, statistic="mean") == pytest.approx(5.0)
     assert found.to_table().loc["highest temperature [°C]", "1"]["difference (95 %)"].startswith("+5")
-    with pytest.raises(fc.InputError, match="'T_sup' is no number for each scenario"):
+    with pytest.raises(fc.InputError, match="'T_sup' is not a number for each scenario"):
         fc.compare(
             own.assign(T_sup=ds.rmse.expand_dims(elapsed_time=2)), baseline={"kp": 0}, over="day", metrics="T_sup"
         )

@@ -52,7 +52,7 @@ def test_the_hash_is_also_of_what_is_included(read):
             "no.toml does not exist: give a file that `fastcoil fit` wrote, with",
         ),
         (STUDY, "[loop", "include: valve.toml is not valid TOML"),
-        (STUDY, "backlash = 0.1", "include: valve.toml is no file that `fastcoil fit` wrote"),
+        (STUDY, "backlash = 0.1", "include: valve.toml is not a file that `fastcoil fit` wrote"),
         (STUDY, "[loop]\nbacklsh = 0.1", "include: valve.toml: backlsh is not a parameter, did you mean 'backlash'?"),
         (STUDY, "[loop]\nbacklash = 1.1", "include: valve.toml: backlash = 1.1: must be from 0 to 0.9"),
         (STUDY, "[loop]\nC_w = 9.0", "include: C_w appears in valve.toml and in coil.toml: leave one out"),
@@ -138,7 +138,7 @@ def test_a_fit_replaces_an_earlier_one_but_nothing_else(fastcoil, logs):
     (logs / "mine.png").write_text("a photo")
     (logs / "folder.png").mkdir()
     for name, sentence in (
-        ("ahu", "-o ahu.toml: this file exists and is no fit"),
+        ("ahu", "-o ahu.toml: this file exists and is not a fit"),
         ("mine", "mine.png exists and would be replaced"),
         ("folder", "folder.png exists and would be replaced"),
     ):

@@ -214,7 +214,7 @@ def test_what_is_no_file_is_refused_and_blocks_nobody(copied, make, name):
     path = copied / name if name == "results.nc" else traces_of(copied)
     path.unlink()
     make(path)
-    with pytest.raises(IntegrityError, match="is no regular file"):
+    with pytest.raises(IntegrityError, match="is not a regular file"):
         fc.open_study(copied)
 
 
@@ -281,7 +281,7 @@ def test_a_file_of_a_later_version_and_a_missing_one_are_refused(tmp_path, swept
 )
 def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
     forge(swept[[*METRICS, "status"]].assign_attrs(attrs), tmp_path / "results.nc")
-    with pytest.raises(IntegrityError, match=r"results\.nc (is no result|names traces|cannot be understood)"):
+    with pytest.raises(IntegrityError, match=r"results\.nc (is not a result|names traces|cannot be understood)"):
         opened(tmp_path)
 
 
@@ -295,7 +295,7 @@ def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
 )
 def test_results_of_another_form_are_refused_whatever_their_hash(tmp_path, swept, change):
     forge(change(swept[[*METRICS, "status"]]), tmp_path / "results.nc")
-    with pytest.raises(IntegrityError, match=r"is no result of a study .*; delete it"):
+    with pytest.raises(IntegrityError, match=r"is not a result of a study .*; delete it"):
         opened(tmp_path)
 
 
