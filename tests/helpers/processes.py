@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastcoil.loops.plan import Plan
+from fastcoil.loops.plan import Shard, shards_of
 from fastcoil.model.metric_table import METRICS, STATUS_CRASHED, STATUS_OK
 
 ROOT = Path(__file__).parents[2]
@@ -78,6 +78,8 @@ def cut(monkeypatch, size, seed=None, alone=None):
     """
 
     def shards(plan, n_jobs, todo=None):
+        if plan.carry_over:
+            return shards_of(plan, n_jobs, todo)
         todo = np.arange(plan.n_scenarios) if todo is None else todo
         dice = random.Random(seed)
         per_day = plan.n_scenarios // len(plan.days)
@@ -93,9 +95,10 @@ def cut(monkeypatch, size, seed=None, alone=None):
                 rest = rest[n:]
         if seed is not None:
             dice.shuffle(found)
-        return found
+        return [Shard(index) for index in found]
 
-    monkeypatch.setattr(Plan, "shards", shards)
+    for module in ("loops.simulate", "study.run"):
+        monkeypatch.setattr(f"fastcoil.{module}.shards_of", shards)
 
 
 def check_crashed(found, healthy, culprits):
