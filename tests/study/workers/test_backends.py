@@ -17,7 +17,7 @@ def hash_of(results):
 
 @pytest.mark.parametrize(
     ("backend", "n_jobs"),
-    full_but([("threads", 2), ("threads", 3), ("loky", 1), ("loky", 2), ("loky", 3)], [("threads", 2)]),
+    full_but([("threads", 2), ("threads", 3), ("loky", 1), ("loky", 2), ("loky", 3)], []),
 )
 def test_every_backend_with_any_number_of_workers_gives_the_same_bits(small_study, golden, tmp_path, backend, n_jobs):
     assert hash_of(fc.run_study(small_study, tmp_path / "out", backend=backend, n_jobs=n_jobs)) == golden
