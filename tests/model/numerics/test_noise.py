@@ -1,4 +1,4 @@
-"""Philox4x32-10 and Box-Muller: known answers, distribution, independence, and what a scenario gets; the low-pass filter."""
+"""Philox4x32-10, Box-Muller and the low-pass filter: known answers, distribution, independence, noise of a scenario."""
 
 import math
 
