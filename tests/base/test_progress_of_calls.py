@@ -19,12 +19,7 @@ seed = [1, 2, 3]
 [run]
 warm_up = 60
 """
-SEARCH = {
-    "search": {"kp": (0.005, 0.1)},
-    "evaluations": 16,
-    "warm_up": 60,
-    "limits": {},
-}
+SEARCH = {"search": {"kp": (0.005, 0.1)}, "evaluations": 16, "warm_up": 60, "limits": {}}
 
 
 @pytest.fixture

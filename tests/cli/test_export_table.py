@@ -82,10 +82,7 @@ def test_a_table_has_what_is_asked_for(folder, export, tmp_path):
     ("words", "sentence"),
     [
         ((), "give --csv, or a TOML file whose controller is exported"),
-        (
-            ("--csv", "-o", "results.nc"),
-            "-o results.nc: give a file NAME.csv in a folder that exists",
-        ),
+        (("--csv", "-o", "results.nc"), "-o results.nc: give a file NAME.csv in a folder that exists"),
         (("--csv", "--at", "day=3"), "--at day=3: choose one of 1, 2"),
         (("--csv", "--metric", "rmsee"), "--metric 'rmsee' is not in this result, did you mean 'rmse'?"),
         (("--csv", "--language", "c"), "--language works only for the controller in a TOML file, and "),

@@ -17,15 +17,7 @@ from helpers.advice_checks import (
 )
 
 import fastcoil as fc
-from fastcoil.design.advice import (
-    AS_IS,
-    Option,
-    _hunts_in_part,
-    advise,
-    cures_of,
-    swings_at,
-    verdict,
-)
+from fastcoil.design.advice import AS_IS, Option, _hunts_in_part, advise, cures_of, swings_at, verdict
 from fastcoil.design.operating_points import operating_points
 from fastcoil.design.prediction import nearest_linear, predict
 

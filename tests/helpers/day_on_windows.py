@@ -185,6 +185,23 @@ def machine():
     return [machine.available_memory(), machine.command_line(words), len(machine.INTERRUPTS), machine.IS_POSIX]
 
 
+@step
+def commands():
+    """Exit codes, and whether figures are there, where the code page has no letter for what is said."""
+    from fastcoil.__main__ import run
+
+    text = "[loop]\n[sweep]\nbacklash = [0.02, 0.07]\n[boundary]\nhours = 0.25\n[run]\nwarm_up = 100\n"
+    Path("study.toml").write_text(f'title = "Größe → Δ"\n{text}', encoding="utf-8")
+    codes = []
+    for words in ("run study.toml -o commands -j 2", "verify commands", "verify none"):
+        sys.argv[1:] = words.split()
+        try:
+            run()
+        except SystemExit as ended:
+            codes.append(ended.code)
+    return [codes, Path("commands/figures").is_dir()]
+
+
 def main(folder):
     """Take every step in a folder."""
     from helpers.windows import emulate

@@ -69,11 +69,7 @@ def coil_log(hours=2.0, seed=0, sd=0.05, phi=0.0, every=1, air=True, dry=False, 
     day["W_a_in"] = 0.003 if dry else day["W_a_in"]
     boundary = fc.Boundary(**day)
     ds = fc.simulate(
-        fc.Loop(**truth),
-        boundary,
-        command=held(rng, 0.1, 0.9, 300, n),
-        traces=["m_w", "T_sup", "T_w_out"],
-        warm_up=0,
+        fc.Loop(**truth), boundary, command=held(rng, 0.1, 0.9, 300, n), traces=["m_w", "T_sup", "T_w_out"], warm_up=0
     )
     log = ds[["m_w", "T_sup", "T_w_out"]]
     for name in INPUTS:

@@ -1,7 +1,6 @@
 """A process as on Windows, as far as Linux can play it: what Windows lacks is taken away, what it refuses is refused.
 
-``python -m helpers.windows COMMANDS…`` runs ``fastcoil`` there, once with the words of each argument, and prints the
-exit codes at the end; ``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they
+``emulate`` is called before fastcoil is imported.  Libraries are imported before, since they
 have their own code for Windows; so the compiler, HDF5 and the locks of filelock are those of Linux.
 """
 
@@ -100,17 +99,3 @@ def is_open(path):
         with suppress(OSError):
             found.add(os.readlink(f"/proc/self/fd/{name}"))
     return path in found
-
-
-if __name__ == "__main__":
-    emulate()
-    from fastcoil.__main__ import run
-
-    codes = []
-    for words in sys.argv[1:]:
-        sys.argv = ["fastcoil", *words.split()]
-        try:
-            run()
-        except SystemExit as ended:
-            codes.append(ended.code)
-    print("Exit codes:", *codes)

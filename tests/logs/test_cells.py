@@ -2,17 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.exports import (
-    COMMAND,
-    HEADER,
-    ISO,
-    ROWS,
-    T_SUP,
-    assert_same_log,
-    read,
-    rows,
-    text_of,
-)
+from helpers.exports import COMMAND, HEADER, ISO, ROWS, T_SUP, assert_same_log, read, rows, text_of
 from helpers.refusals import only_problem, problems
 
 from fastcoil.logs import read_log

@@ -49,10 +49,7 @@ def test_dates_of_every_country_are_read_and_the_order_is_said(tmp_path, form, s
         assert f"timestamp read as {said}" in orders[0]
 
 
-@pytest.mark.parametrize(
-    ("form", "why"),
-    [("%d/%m/%Y %H:%M", "dd/mm/yyyy"), ("%m/%d/%Y %H:%M", "mm/dd/yyyy")],
-)
+@pytest.mark.parametrize(("form", "why"), [("%d/%m/%Y %H:%M", "dd/mm/yyyy"), ("%m/%d/%Y %H:%M", "mm/dd/yyyy")])
 def test_the_note_says_what_shows_the_order(tmp_path, form, why):
     stamps = times(form, datetime(2024, 7, 12, 23, 30))
     assert f"timestamp read as {why}: a number exceeds 12 in row 32" in as_read(tmp_path, stamps).notes

@@ -110,11 +110,7 @@ def without(ds, *names):
 
 @pytest.mark.kernel
 @pytest.mark.parametrize(
-    "values",
-    [
-        {"estimate_ratio": [0.0, 0.6]},
-        {"rangeability": [20.0, 50.0], "authority": 0.3, "m_full": 1.8},
-    ],
+    "values", [{"estimate_ratio": [0.0, 0.6]}, {"rangeability": [20.0, 50.0], "authority": 0.3, "m_full": 1.8}]
 )
 def test_parameters_that_an_older_result_lacks_have_their_defaults(values, short):
     loop = fc.Loop(**values)

@@ -1,4 +1,4 @@
-"""Results on disk: what was written comes back, by one thread at a time."""
+"""Results on disk: what was written comes back, by one thread at a time; arrays are cut into pieces."""
 
 import gc
 import hashlib
@@ -12,10 +12,12 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
 
 import fastcoil as fc
 from fastcoil.loops import netcdf
-from fastcoil.loops.netcdf import file_sha256
+from fastcoil.loops.netcdf import file_sha256, pieces_of
 from fastcoil.model.metric_table import METRICS
 
 pytestmark = pytest.mark.kernel
@@ -140,3 +142,13 @@ def test_a_file_that_changed_is_hashed_again_though_its_size_and_time_are_as_bef
     after = path.stat()
     assert (after.st_ino, after.st_size, after.st_mtime_ns) == (before.st_ino, before.st_size, before.st_mtime_ns)
     assert file_sha256(path) == hashlib.sha256(b"two").hexdigest()
+
+
+@given(st.lists(st.integers(1, 6), max_size=4), st.integers(1, 40))
+def test_pieces_are_all_values_in_their_order_and_none_is_too_large(shape, most):
+    values = np.arange(np.prod(shape, dtype=int)).reshape(shape)
+    pieces = [values[piece] for piece in pieces_of(tuple(shape), most)]
+    assert max(piece.size for piece in pieces) <= most
+    assert all(piece.ndim == len(shape) for piece in pieces)
+    assert np.concatenate([piece.ravel() for piece in pieces]).tolist() == values.ravel().tolist()
+    assert len(pieces) <= values.size // most * 2 ** len(shape) + 1 or most == 1

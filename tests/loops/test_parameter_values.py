@@ -47,10 +47,7 @@ def test_a_bad_value_is_named_with_the_cure(name, value, words):
     assert_only_problem(words, fc.Loop, **{name: value})
 
 
-@pytest.mark.parametrize(
-    ("wrong", "right"),
-    [("baklash", "backlash"), ("C_W", "C_w")],
-)
+@pytest.mark.parametrize(("wrong", "right"), [("baklash", "backlash"), ("C_W", "C_w")])
 def test_an_unknown_name_is_answered_with_the_nearest(wrong, right):
     problem = only_problem(fc.Loop, **{wrong: 0.1})
     assert wrong in problem

@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.simulated_logs import (
-    COIL_TRUTH,
-    INPUTS,
-    assert_covered,
-    coil_log,
-    joined,
-    shifted,
-)
+from helpers.simulated_logs import COIL_TRUTH, INPUTS, assert_covered, coil_log, joined, shifted
 
 import fastcoil as fc
 from fastcoil.logs import read_log

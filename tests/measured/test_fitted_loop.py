@@ -5,15 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from fastcoil.measured.fitted_loop import (
-    Day,
-    FittedLoop,
-    Played,
-    fit_loop_model,
-    outcome_of,
-    what_if,
-    without_noise,
-)
+from fastcoil.measured.fitted_loop import Day, FittedLoop, Played, fit_loop_model, outcome_of, what_if, without_noise
 from fastcoil.measured.fitted_plant import recover_pi
 
 INTERVAL, STROKE = 15.0, 90.0

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from fastcoil.measured.measures import (
-    in_control,
-    settled,
-    swing_of,
-)
+from fastcoil.measured.measures import in_control, settled, swing_of
 
 N, INTERVAL = 2880, 10.0
 TIME = np.arange(N) * INTERVAL

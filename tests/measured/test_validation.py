@@ -2,15 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.simulated_logs import (
-    VALVE_TRUTH,
-    assert_covered,
-    coil_log,
-    flows,
-    log_of,
-    noisy,
-    walk,
-)
+from helpers.simulated_logs import VALVE_TRUTH, assert_covered, coil_log, flows, log_of, noisy, walk
 
 import fastcoil as fc
 from fastcoil.measured.fit import poor

@@ -209,6 +209,19 @@ def test_the_interval_of_a_backlash_estimated_at_0_allows_for_correlated_noise()
 # ----------------------------------------------------------------------------------------------------------- real data
 
 
+def test_a_log_in_degrees_and_litres_a_minute_is_that_in_usual_units():
+    rng = np.random.default_rng(12)
+    command = walk(rng, n=160)
+    flow, batch = noisy(rng, flows(command), 0.01), np.arange(160) // 40
+    usual = fc.fit_valve(log_of(command, flow, batch=batch), split=0.5, holds="command")
+    time = 60.0 * np.arange(160)
+    theirs = pd.DataFrame({"t": time, "deg": 90.0 * command, "lpm": 60.0 * flow, "batch": batch})
+    columns = {"elapsed_time": "t", "command": "deg", "m_w": "lpm", "batch": "batch"}
+    units = {"elapsed_time": "s", "command": "deg", "m_w": "L/min"}
+    fit = fc.fit_valve(theirs, split=0.5, holds="command", columns=columns, units=units)
+    assert fit.parameters == pytest.approx(usual.parameters, rel=1e-6)
+
+
 @pytest.mark.full
 def test_on_a_hospitals_ahu_each_half_holds_the_other_and_the_first_is_validated_by_the_second():
     """Maddalena et al. (2022): batches 0-12 and 13-25; in the second half the flow is logged one sample late."""

@@ -45,17 +45,7 @@ VOLUME_TRACES = ("T_w", "T_c", "T_a", "W_a")
 ESTIMATORS = {"none": Fixed, "learner": Learner, "hagglund": Hagglund, "gradient": Gradient, "identify": Identify}
 
 
-def simulate(
-    parameters,
-    boundary,
-    *,
-    command=None,
-    warm_up=1800,
-    seed=0,
-    replicate=0,
-    day=0,
-    saturation=None,
-):
+def simulate(parameters, boundary, *, command=None, warm_up=1800, seed=0, replicate=0, day=0, saturation=None):
     """Run one scenario; returns (traces, metrics).
 
     parameters: a dict with the keys and units of PAPER_LIKE.

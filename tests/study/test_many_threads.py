@@ -6,10 +6,7 @@ from helpers.processes import ended, started
 pytestmark = [pytest.mark.full, pytest.mark.kernel, pytest.mark.timeout(180)]
 
 
-@pytest.mark.parametrize(
-    "program",
-    ["run", "threads in a loop", "loky in a loop"],
-)
+@pytest.mark.parametrize("program", ["run", "threads in a loop", "loky in a loop"])
 def test_a_program_with_many_threads_ends_well(tmp_path, program):
     words = ("-X", "faulthandler", "-m", "helpers.many_threads", program, tmp_path)
     code, _, said = ended(started(*words, cwd=tmp_path), within=150)

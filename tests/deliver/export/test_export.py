@@ -132,10 +132,7 @@ def test_the_command_writes_the_files_of_a_study_file(tmp_path, monkeypatch):
     assert sorted(path.name for path in tmp_path.glob("AHU2*")) == ["AHU2.st", "AHU2_check.st", "AHU2_vectors.csv"]
 
 
-@pytest.mark.parametrize(
-    ("name", "language"),
-    [("mine.py", "python"), ("mine_check.st", "st")],
-)
+@pytest.mark.parametrize(("name", "language"), [("mine.py", "python"), ("mine_check.st", "st")])
 def test_a_file_that_fastcoil_did_not_write_is_never_replaced(tmp_path, name, language):
     """As the rule in mine.py would be by the controller of mine.toml; earlier exports are replaced."""
     path = tmp_path / f"mine.{'py' if language == 'python' else language}"

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.hagglund import (
-    Memory,
-    Parameters,
-    counts,
-    results,
-    start,
-    step,
-)
+from fastcoil.model.estimators.hagglund import Memory, Parameters, counts, results, start, step
 from fastcoil.model.estimators.interface import Sample
 
 KP, TI, GAIN, TS = 0.03, 8.0, 25.0, 4.0

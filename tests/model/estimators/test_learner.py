@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import fastcoil as fc
-from fastcoil.model.estimators.learner import (
-    ENOUGH,
-    QUIET,
-    UNMEASURABLE,
-    chatters,
-    evidence,
-    updated,
-)
+from fastcoil.model.estimators.learner import ENOUGH, QUIET, UNMEASURABLE, chatters, evidence, updated
 from fastcoil.model.metric_table import LEARNING_STATUS
 
 STEP = 0.007

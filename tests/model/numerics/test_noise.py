@@ -1,4 +1,4 @@
-"""Philox4x32-10 and Box-Muller: known answers, distribution, independence, and what a scenario gets of it."""
+"""Philox4x32-10, Box-Muller and the low-pass filter: known answers, distribution, independence, noise of a scenario."""
 
 import math
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import reference
 from scipy import stats
+from scipy.signal import lfilter
 
 import fastcoil as fc
 from fastcoil.model.numerics.jit import JIT_ENABLED
-from fastcoil.model.numerics.noise import normal_pair, philox, uniform
+from fastcoil.model.numerics.noise import low_pass, normal_pair, philox, uniform
 
 N_PAIRS = 20000 if JIT_ENABLED else 1000
 
@@ -121,3 +122,19 @@ def test_noise_std_0_is_no_noise_to_the_bit(short):
     alone = noisy(short, {})
     np.testing.assert_array_equal(quiet.T_sup.sel(noise_std=0.0).values, alone.T_sup.values)
     np.testing.assert_array_equal(alone.T_measured.values, alone.T_sup.values)
+
+
+@pytest.mark.parametrize("tau", [1, 60, 120, 300, 1e4])
+def test_it_equals_lfilter_to_the_bit(tau):
+    x, decay = np.random.default_rng(3).standard_normal(5000), np.exp(-1.0 / tau)
+    y = np.empty_like(x)
+    low_pass(x, decay, y)
+    np.testing.assert_array_equal(y, lfilter([1.0 - decay], [1.0, -decay], x))
+
+
+def test_it_may_filter_in_place():
+    x = np.random.default_rng(4).standard_normal(100)
+    y = np.empty_like(x)
+    low_pass(x, 0.9, y)
+    low_pass(x, 0.9, x)
+    np.testing.assert_array_equal(x, y)

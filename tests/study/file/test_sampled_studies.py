@@ -123,14 +123,8 @@ MISTAKES = [
     (GOOD + "kp = { fit = 'gaps.csv' }", "gaps.csv is not valid TOML"),
     (GOOD + "kp = { fit = 'valve.toml' }", "valve.toml has no estimate of kp with a 95 % interval: give a file"),
     (GOOD + KP + "correlation = 0.5", "correlation = 0.5: give pairs of parameters and their rank correlation, such"),
-    (
-        GOOD + KP + TI + "correlation = [['kp', 'tii', 0.5]]",
-        "correlation of kp and tii: tii is not drawn, did you",
-    ),
-    (
-        GOOD + KP + TI + "correlation = [['kp', 'ti', 1.2]]",
-        "correlation of kp and ti = 1.2: must be above -1 and",
-    ),
+    (GOOD + KP + TI + "correlation = [['kp', 'tii', 0.5]]", "correlation of kp and tii: tii is not drawn, did you"),
+    (GOOD + KP + TI + "correlation = [['kp', 'ti', 1.2]]", "correlation of kp and ti = 1.2: must be above -1 and"),
     (GOOD + KP + "correlation = [['kp', 'kp', 0.5]]", "correlation of kp: give each pair of two parameters once"),
     (
         GOOD + KP + "action = { choice = ['cooling'] }\ncorrelation = [['kp', 'action', 0.5]]",

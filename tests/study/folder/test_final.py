@@ -287,10 +287,7 @@ def test_attributes_that_nobody_wrote_are_refused(tmp_path, swept, attrs):
 
 @pytest.mark.parametrize(
     "change",
-    [
-        lambda ds: ds.drop_vars("status"),
-        lambda ds: ds.assign(rmse=ds["rmse"].astype(str)),
-    ],
+    [lambda ds: ds.drop_vars("status"), lambda ds: ds.assign(rmse=ds["rmse"].astype(str))],
     ids=["no status", "words as a metric"],
 )
 def test_results_of_another_form_are_refused_whatever_their_hash(tmp_path, swept, change):

@@ -24,9 +24,8 @@ def written(path, text=PLAIN):
     return path
 
 
-@pytest.mark.parametrize("name", ["with space, ünï-冷, new\nline, #mode=bytes?x=%20 and '\";$(x)", "x" * 200])
-def test_any_name_of_a_folder_will_do(tmp_path, name):
-    out = tmp_path / name / "out"
+def test_any_name_of_a_folder_will_do(tmp_path):
+    out = tmp_path / ("with space, ünï-冷, new\nline, #mode=bytes?x=%20 and '\";$(x)" + "x" * 180) / "out"
     out.parent.mkdir()
     run_until_interrupted(TRACED, out, 1)
     resume(out, TRACED)

@@ -40,8 +40,8 @@ def slow_run(tmp_path):
     (tmp_path / "slow.py").write_text(script)
     runs = []
 
-    def start(n_jobs=2):
-        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", "loky", "-j", n_jobs, "--no-figures")
+    def start():
+        words = ("slow.py", "-", "run", "small.toml", "-o", "out", "--backend", "loky", "-j", 1, "--no-figures")
         runs.append(started(*words, cwd=tmp_path))
         wait_for(lambda: len(list((tmp_path / "out" / SHARDS).glob("*.nc"))) >= 1, within=60)
         return runs[-1]
@@ -66,7 +66,7 @@ def resumed(folder, golden):
     ],
 )
 def test_a_signal_ends_a_run_and_its_workers_at_once_and_it_can_go_on(slow_run, golden, tmp_path, number, times, code):
-    run = slow_run(n_jobs=1)
+    run = slow_run()
     workers = children(run.pid)
     assert workers
     start = time.monotonic()

@@ -61,15 +61,6 @@ def test_without_run_json_the_shards_are_found_by_their_key(broken_off, monkeypa
     assert verify(broken_off) == []
 
 
-@pytest.mark.parametrize("name", ["run.json", "study.toml"])
-def test_a_lost_file_of_a_finished_study_is_written_again(out, name):
-    copied(PLAIN, out)
-    good = (out / name).read_bytes()
-    (out / name).unlink()
-    resume(out)
-    assert (out / name).read_bytes() == good
-
-
 @pytest.mark.parametrize("data", full_but([None, b"", b"[loop", b"\xff", b"[loop]\n"], [None, b"[loop"]), ids=str)
 def test_a_damaged_study_toml_is_reported_and_written_again(broken_off, data):
     path = broken_off / "study.toml"

@@ -59,12 +59,7 @@ def test_a_lane_that_kills_on_some_of_its_days_is_crashed_on_all_and_no_other(
 
 
 @settings(max_examples=300 if FULL else 40)
-@given(
-    n_workers=st.integers(1, 4),
-    falls_together=st.booleans(),
-    size=st.integers(2, N),
-    seed=st.integers(0, 999),
-)
+@given(n_workers=st.integers(1, 4), falls_together=st.booleans(), size=st.integers(2, N), seed=st.integers(0, 999))
 def test_workers_that_die_by_chance_lose_no_scenario(job, n_workers, falls_together, size, seed):
     pool = Pool(n_workers, falls_together=falls_together, clumsy=0.05, seed=seed)
     status = found(pool, job, in_shards(size))
