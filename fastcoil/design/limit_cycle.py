@@ -298,12 +298,9 @@ def _balanced(w: Array, L: Complex, elements: Elements, A: Array, plants: Plants
         at = frequency(w, found.place[0][ended])
         part = elements.some(ended)
         reaches = part.parts(A[ended], at)[1] > room[ended]
-        far = np.flatnonzero(reaches.any(axis=0))  # the amplitudes at which some loop reaches one
-        cells = np.ix_(ended, far)
-        again = part.passed(A[cells], at[:, far], plants.some(ended))[0]
-        passed[cells] = np.where(reaches[:, far], again, passed[cells])
-        for values, new in zip(found, of(ended), strict=True):
-            values[:, ended] = new
+        passed[ended] = np.where(reaches, part.passed(A[ended], at, plants.some(ended))[0], passed[ended])
+        for values, again in zip(found, of(ended), strict=True):
+            values[:, ended] = again
     return found
 
 
