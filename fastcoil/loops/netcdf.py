@@ -30,6 +30,7 @@ from xarray.backends import BackendArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 from xarray.core import indexing
 
+from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import commit_written, storage_errors
 from fastcoil.base.machine import IS_POSIX, available_memory, gib
@@ -422,7 +423,7 @@ def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
     """The variables of a file, read when their values are needed; the file is not opened before."""
     variables = {}
     for name, described in layout.items():
-        array = _OnDisk(file, name, tuple(described["shape"]), np.dtype(described["dtype"]))
+        array = _OnDisk(file, name, described)
         # kept once read, and copied before it is changed, as by xarray.open_dataset
         lazy: Any = indexing.LazilyIndexedArray(array)
         lazy = indexing.CopyOnWriteArray(indexing.MemoryCachedArray(lazy))  # type: ignore[no-untyped-call, arg-type]
@@ -438,12 +439,23 @@ def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
 class _OnDisk(BackendArray):
     """A variable in a file, as xarray reads it."""
 
-    def __init__(self, file: StoredFile, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        self.file, self.name, self.shape, self.dtype = file, name, shape, dtype
+    def __init__(self, file: StoredFile, name: str, described: Mapping[str, Any]) -> None:
+        self.file, self.name = file, name
+        self.shape, self.dtype = tuple(described["shape"]), np.dtype(described["dtype"])
+        self.is_trace = not {*described["dims"]}.isdisjoint(ALONG_TRACES)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: Any) -> np.ndarray:
+        if not self.is_trace and all(k == slice(None) for k in key):
+            return self._whole()
         found = self.file.read(self.name, self.shape, key)
         return found.astype(self.dtype, copy=False)
+
+    def _whole(self) -> np.ndarray:
+        """All values, which xarray keeps: in a nameless file, so that those of many scenarios take no memory."""
+        room = on_disk(self.shape, 0, self.dtype)
+        for piece in pieces_of(self.shape, _SLAB):
+            room[piece] = self.file.read(self.name, self.shape, piece)
+        return room

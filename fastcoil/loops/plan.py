@@ -9,6 +9,7 @@ import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -174,9 +175,8 @@ class Plan:
         scenario is a block too.  Returns flat indices, ascending.
         """
         todo = np.arange(self.n_scenarios) if todo is None else todo
-        day = todo // self.n_a_day
-        in_day = np.arange(todo.size) - np.searchsorted(day, day)
-        edges = np.append(np.flatnonzero(in_day % LANES == 0), todo.size)  # where a block starts, and the end
+        days = np.searchsorted(todo, np.arange(len(self.days) + 1) * self.n_a_day)  # where each starts, and the end
+        edges = np.concatenate([*(np.arange(*ends, LANES) for ends in pairwise(days)), days[-1:]])  # and each block
         most_blocks, most_scenarios = self.shard_limits(n_jobs, edges.size - 1)
         shards, first = [], 0
         while first < edges.size - 1:

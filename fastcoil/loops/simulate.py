@@ -1,6 +1,6 @@
 """``simulate``: loops × days × replicates → Dataset; shards through the kernels, on threads, and how long that takes.
 
-A shard is the unit of scheduling and of progress, and its parameters exist only while it runs.
+A shard is the unit of scheduling and of progress; parameters exist only while the blocks that have them run.
 """
 
 import concurrent.futures as cf
@@ -27,6 +27,7 @@ from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.loops.valve_test import ValveTest
 from fastcoil.model.engine.emulator import Day
 from fastcoil.model.engine.lanes import Block, TraceRequest, WorkSpace, blocks, parameter_matrix, run_block, work_space
+from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.jit import compiled_for
 from fastcoil.model.user_rules import rules_for_kernels
@@ -34,6 +35,8 @@ from fastcoil.model.user_rules import rules_for_kernels
 S = TypeVar("S")
 T = TypeVar("T")
 _PIECE = 0.5  # seconds; a long wait is cut into pieces
+_AT_ONCE = 128 * LANES
+"""Scenarios whose parameters exist at a time: these take ten times the memory of their metrics."""
 
 
 def within(seconds: float | None, call: Callable[[], T]) -> T:
@@ -141,12 +144,13 @@ def run_into(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> No
     if shard.is_sequence:
         _run_days_in_sequence(found, plan, shard, places, rules)
         return
-    columns = plan.layout.columns(shard.index)
-    matrix = parameter_matrix(columns, rules)
-    for k in np.unique(columns["day"]):
-        day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
-        for lanes, block in blocks(matrix[:, of_day], rules):
-            found.run(block, day, places[of_day[lanes]])
+    for start in range(0, shard.size, _AT_ONCE):
+        columns = plan.layout.columns(shard.lanes[start : start + _AT_ONCE])
+        matrix = parameter_matrix(columns, rules)
+        for k in np.unique(columns["day"]):
+            day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
+            for lanes, block in blocks(matrix[:, of_day], rules):
+                found.run(block, day, places[start + of_day[lanes]])
 
 
 def _run_days_in_sequence(found: Results, plan: Plan, shard: Shard, places: np.ndarray, rules: Any) -> None:
@@ -175,7 +179,7 @@ def estimate_seconds(plan: Plan, n_jobs: int) -> float:
     shards = shards_of(plan, n_jobs)
     timed = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _SHARDS_TIMED).astype(int))]
     # of a sequence the first day stands for all
-    pieces = [shard.lanes if shard.is_sequence else shard.index for shard in timed]
+    pieces = [shard.lanes[:_AT_ONCE] for shard in timed]
     work = sum(_seconds_of(plan, piece) for piece in pieces) * plan.n_scenarios / sum(map(len, pieces))
     bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE
     afterwards = len(shards) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain, refuse
+from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.text import NONE, decimals_of, percent, written
 from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_values
@@ -291,7 +292,7 @@ def interval(
     return abs(np.maximum(low, 0.0)), np.minimum(high, 1.0)
 
 
-_RESAMPLES, _AT_ONCE = 1000, 20
+_RESAMPLES, _AT_ONCE, _MANY = 1000, 20, 2**18  # resamples, how many at a time, and of how many values one by one
 _SEED = 20261122  # of the resamples: a summary says the same twice
 _LEVEL = 0.95
 _SPREAD = 0.05, 0.95
@@ -324,8 +325,9 @@ def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
     if len(rows) > 1:
         draw, n = np.random.default_rng(_SEED), len(rows)
         median = np.nanmedian if np.isnan(rows).any() else np.median
-        drawn = (rows[draw.integers(n, size=(_AT_ONCE, n))] for _ in range(_RESAMPLES // _AT_ONCE))
-        medians = np.concatenate([median(part.reshape(_AT_ONCE, -1), axis=1) for part in drawn])
+        some = _AT_ONCE if rows.size < _MANY else 1
+        drawn = (rows[draw.integers(n, size=(some, n))] for _ in range(_RESAMPLES // some))
+        medians = np.concatenate([median(part.reshape(some, -1), axis=1) for part in drawn])
         low, high = np.quantile(medians, [0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     q05, q95 = np.nanquantile(rows, _SPREAD)
     return Middle(float(np.nanmedian(rows)), float(low), float(high), float(q05), float(q95))
@@ -358,7 +360,21 @@ def without_off_days(ds: xr.Dataset) -> xr.Dataset:
     if "rmse" not in ds or bool(ds["rmse"].notnull().all()):
         return ds
     on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
-    return ds.assign({n: v.where(on) for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims})
+    per_day = [n for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims]
+    return ds.assign(all_where(ds[per_day], on).data_vars)
+
+
+def all_where(ds: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
+    """``ds.where(mask)``, a mask of the dims of all variables or fewer; many numbers are put into nameless files."""
+    found = {}
+    for name, values in ds.data_vars.items():
+        if values.dtype.kind == "f":
+            room = on_disk(values.shape, np.nan, values.dtype)
+            np.copyto(room, values.values, where=mask.broadcast_like(values).transpose(*values.dims).values)
+            found[name] = values.copy(deep=False, data=room)
+        else:
+            found[name] = values.where(mask)
+    return ds.assign(found)
 
 
 def in_shares(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:

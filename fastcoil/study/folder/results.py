@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import path_of
+from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
 from fastcoil.base.files import exists, is_file, is_folder
@@ -134,7 +135,7 @@ def _open(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
         )
         leave_out = TRACES
     parts = Computed.find(store, study, manifest).parts(leave_out, quarantine=False)
-    ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
+    ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=on_disk), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
     ds.attrs = study_attributes(study, manifest) | {"computed_on": json.dumps(list(manifest.computed_on))}
@@ -208,9 +209,14 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
         )
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
     smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in before])
-    old = _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before)
-    new = {key: k for k, key in enumerate(_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now))}
-    place = np.array([new.get(key, -1) for key in old])
+    new = np.concatenate([*_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now)])
+    order = np.argsort(new, kind="stable")
+    new = new[order]
+    places = []
+    for keys in _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before):
+        at = np.searchsorted(new, keys, side="right") - 1  # of equal scenarios the last one
+        places.append(np.where(new[at] == keys, order[at], -1))
+    place = np.concatenate(places)
     dropped = int((place < 0).sum())
     if dropped:
         days = "add days at the end alone, for each goes on from those before it" if plan.carry_over else ""
@@ -228,19 +234,19 @@ def _rules(attrs: dict[Any, Any]) -> dict[str, str]:
     return {name: rule.get("sha256", "") for name, rule in json.loads(attrs.get("rules", "{}")).items()}
 
 
-def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> list[bytes]:
-    """One hash per scenario, over everything its result depends on."""
+def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> Iterator[np.ndarray]:
+    """A hash of 16 bytes for each scenario, over everything its result depends on, some scenarios at a time."""
     read = {name: rule.own for name, rule in loop.rules.items()}
     n = int(np.prod(list(sizes.values()), dtype=np.int64))
-    keys = []
     for start in range(0, n, _KEYS_AT_ONCE):
+        keys = []
         columns = columns_of(loop, sizes, np.arange(start, min(start + _KEYS_AT_ONCE, n)))
         rows = np.ascontiguousarray(parameter_matrix(columns).T)
         for k, (row, day) in enumerate(zip(rows, columns["day"], strict=True)):
             words = [str(columns[kind][k]) for kind in KINDS]
             own = [f"{w} {rules[w]} {[(n, float(columns[n][k])) for n in read[w]]}" for w in words if w in rules]
             keys.append(hashlib.blake2b(row.tobytes() + "".join([days[day], *own]).encode(), digest_size=16).digest())
-    return keys
+        yield np.array(keys, dtype="S16")
 
 
 @dataclass(frozen=True)
