@@ -77,7 +77,7 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
 
 _LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
 _SHARDS_PER_WORKER = 4
-_BYTES_PER_SHARD = 64 * 2**20
+_BYTES_PER_SHARD, _BYTES_IN_FLIGHT = 64 * 2**20, 192 * 2**20  # of results; of the shards of all workers and one more
 _LANE_STEPS_PER_SEQUENCE = 1e10  # about two minutes, which a kill costs at most, but for the fewest blocks
 _FEWEST_BLOCKS = 8  # of days in sequence: each shard makes its days itself, which fewer do not repay
 _BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
@@ -160,13 +160,19 @@ class Plan:
             each += _OF_PROCESS + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
         return _OF_KERNELS + _OF_SUMMARY * self.n_scenarios + 3 * of_scenario * largest, each
 
-    def disk_bytes(self, *, traces_kept: bool = True) -> int:
-        """Most room that a study takes on disk, while it is merged: shards and results, were these not compressed.
+    def disk_bytes(
+        self, *, traces_kept: bool = True, metrics_left: float = 1.0, traces_left: float = 1.0
+    ) -> tuple[int, int]:
+        """Room that a study takes on disk while it is merged, and what is left of it.
 
-        Metrics are put together in between, and traces of days in sequence, whose shards are not in their order.
+        Shards are not compressed.  They are there until the results are, for which metrics are put together in between,
+        and each trace of days in sequence, whose shards are not in their order.
+
+        metrics_left, traces_left: the share of their bytes that results take, see ``estimate``; by default the most.
         """
-        of_shards = sum(self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names)
-        return 3 * self.metric_bytes + (3 if self.carry_over else 2) * of_shards * traces_kept
+        traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
+        left = int(self.metric_bytes * metrics_left + sum(traces) * traces_left)
+        return 2 * self.metric_bytes + sum(traces) + max([0, *traces]) * self.carry_over + left, left
 
     def shards(self, n_jobs: int, todo: np.ndarray | None = None) -> list[np.ndarray]:
         """Cut the scenarios ``todo``, all by default, into shards: enough of them to keep all workers busy.
@@ -190,7 +196,7 @@ class Plan:
         """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
         by_work = _LANE_STEPS_PER_SHARD / (self.n_steps * LANES)
         by_workers = n_blocks / (n_jobs * _SHARDS_PER_WORKER)
-        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
+        by_size = _bytes_per_shard(n_jobs) * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
         return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
 
     def lanes_of_sequence(self, n_jobs: int, n_lanes: int) -> int:
@@ -199,7 +205,7 @@ class Plan:
         if n_jobs > 1:
             n_groups = max(n_jobs, min(n_blocks // _BLOCKS_PER_GROUP, n_jobs * _GROUPS_PER_WORKER))
         by_work = max(_FEWEST_BLOCKS, int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES)))
-        by_size = _BYTES_PER_SHARD * self.n_a_day // (self.metric_bytes + self.trace_bytes)
+        by_size = _bytes_per_shard(n_jobs) * self.n_a_day // (self.metric_bytes + self.trace_bytes)
         return max(1, min(LANES * min(-(-n_blocks // n_groups), by_work), by_size))
 
     def _largest_shard(self, n_jobs: int) -> int:
@@ -208,6 +214,10 @@ class Plan:
             return min(self.lanes_of_sequence(n_jobs, self.n_a_day), self.n_a_day) * len(self.days)
         blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * -(-self.n_a_day // LANES))
         return min(blocks * LANES, scenarios, self.n_scenarios)
+
+
+def _bytes_per_shard(n_jobs: int) -> int:
+    return min(_BYTES_PER_SHARD, _BYTES_IN_FLIGHT // (n_jobs + 1))
 
 
 def plan_simulation(

@@ -35,7 +35,7 @@ from fastcoil.study.folder.folder import StudyFolder, require_no_archive
 from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, Shards, find_problems
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
-_KEYS_AT_ONCE, _AT_ONCE = 10_000, 2**23  # scenarios; values read of earlier results
+_KEYS_AT_ONCE, _AT_ONCE = 10_000, 2**22  # scenarios; values read of earlier results
 _MUST_AGREE = {
     "seed": "[run] seed",
     "warm_up_s": "[run] warm_up",
@@ -310,7 +310,9 @@ class Computed:
         """The matched scenarios as flat parts; predictions are computed again for the whole study."""
         dims, shape = earlier["status"].dims, earlier["status"].shape
         kept = earlier[[n for n in earlier.data_vars if n not in leave_out and n not in PREDICTIONS]]
-        of_scenario = max(1, *(v.size // earlier["status"].size for v in kept.data_vars.values()))
+        for name in kept.data_vars.keys() - {*TRACES}:  # each once, and not for every piece
+            kept[name].load()
+        of_scenario = max(1, sum(v.size for v in kept.data_vars.values()) // earlier["status"].size)
         end = 0
         for piece in pieces_of(shape, max(1, _AT_ONCE // of_scenario)):
             block = kept.isel(dict(zip(dims, piece, strict=True)))
