@@ -204,21 +204,22 @@ def _tried(plan: Plan, piece: np.ndarray) -> tuple[float, np.ndarray, list[np.nd
     matrix = parameter_matrix(columns, rules)[:, of_day]
     blocks(matrix, rules)  # compiles, once, what its blocks call
     start = time.perf_counter()
-    made = [block for _, block in blocks(matrix, rules)]
+    made = blocks(matrix, rules)
+    members, block = made[len(made) // 2]
     day, n_steps = plan.days[int(columns["day"][0])], min(plan.n_steps, _STEPS_TIMED)
     seconds, of_block = time.perf_counter() - start, np.inf
     flags = day.schedule._replace(flags=day.schedule.flags[:n_steps])
     part = day._replace(series=day.series[:n_steps], command=day.command[:n_steps], schedule=flags)
     for _ in range(2):
         start = time.perf_counter()
-        metrics, _, traces = run_interruptibly(made[len(made) // 2], part, plan.traces)
+        metrics, _, traces = run_interruptibly(block, part, plan.traces)
         of_block = min(of_block, time.perf_counter() - start)
     seconds += len(made) * of_block * plan.n_steps / n_steps
     stored = [np.nan_to_num(v).astype(np.int8) if n == "mode" else v for n, v in traces.items()]
     starts = np.arange(0, len(stored[0]), ALONG_TIME) if stored else np.zeros(1, dtype=int)
     some = starts[np.unique(np.linspace(0, starts.size - 1, _CHUNKS_TRIED).astype(int))]
-    chunks = [values[k : k + ALONG_TIME].T for values in stored for k in some]
-    return seconds * piece.size / int(np.count_nonzero(of_day)), metrics, chunks
+    chunks = [values[k : k + ALONG_TIME, ..., : members.size].T for values in stored for k in some]
+    return seconds * piece.size / int(np.count_nonzero(of_day)), metrics[:, : members.size], chunks
 
 
 def simulate(

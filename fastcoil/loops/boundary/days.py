@@ -121,8 +121,10 @@ def _of_seeds(
         return Boundary(**make(seeds[0]), day=seeds[0])
     if len(seeds) * n_steps > LARGE:
         return Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
-    made = [make(one) for one in seeds]
-    series = {n: np.stack([day[n] for day in made]) if np.ndim(v) else v for n, v in made[0].items()}
+    series: dict[str, Array] = {}
+    for k, one in enumerate(seeds):
+        for name, values in make(one).items():
+            series.setdefault(name, np.empty((len(seeds), n_steps)))[k] = values
     return Boundary(**series, day=seeds)
 
 

@@ -192,8 +192,9 @@ class Samples:
         warn_of_stops(stopped)
         if not small:
             return Survey(extremes, digest_of(self, 2, (one.encode() for one in hashes)), hashes, damp)
-        whole = {name: np.stack([rows[name] for rows in kept]) for name in extremes}
-        named = ((name.encode(), np.ascontiguousarray(whole[name], dtype="<f8").data) for name in hashed(whole))
+        names = [name for name, ends in extremes.items() if counts(name, *ends)]
+        whole = (np.stack([rows[name] for rows in kept], dtype="<f8").data for name in names)  # one at a time
+        named = ((name.encode(), values) for name, values in zip(names, whole, strict=True))
         return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes, damp)
 
     @property
@@ -346,8 +347,9 @@ def digest_of(days: Samples, version: int, parts: Iterable[Any]) -> str:
 
 def hashed(series: Mapping[str, Array]) -> list[str]:
     """The series that count; one of ``ADDED_SERIES`` only where it does something."""
-    return [
-        name
-        for name, values in series.items()
-        if name not in ADDED_SERIES or not (values == BOUNDARY_SERIES[name].default).all()
-    ]
+    return [name for name, values in series.items() if counts(name, values.min(), values.max())]
+
+
+def counts(name: str, low: float, high: float) -> bool:
+    """Whether a series with this range counts in a digest."""
+    return name not in ADDED_SERIES or (low, high) != (BOUNDARY_SERIES[name].default,) * 2
