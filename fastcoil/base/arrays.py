@@ -12,7 +12,7 @@ from fastcoil.base.machine import reserve
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 Index: TypeAlias = NDArray[np.int64]
-LARGE = 2**20  # bytes
+LARGE = 2**18  # bytes
 
 
 def on_disk(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any], folder: Path | None = None) -> NDArray[Any]:

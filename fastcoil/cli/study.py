@@ -106,7 +106,7 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
-    from fastcoil.base.machine import available_memory, gib
+    from fastcoil.base.machine import available_memory, gib, private_memory
     from fastcoil.loops.labels import sizes_in_words
     from fastcoil.loops.plan import check_disk, shards_of
     from fastcoil.loops.simulate import estimate, workers
@@ -122,11 +122,11 @@ def plan(study: Path, jobs: int | None) -> None:
     check_disk(planned.disk_bytes(traces_kept=traces_kept)[0], default_folder(study))
     announce_compilation()
     compile_kernel()
+    alone, each = planned.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
+    memory = private_memory() + alone + n_jobs * each
     seconds, metrics_left, traces_left = estimate(planned, n_jobs)
     room = planned.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
     sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"
-    alone, each = planned.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
-    memory = alone + n_jobs * each
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     if asked.precision:
         say(f"Precision:   {asked.precision.how(planned.n_scenarios // asked.batches)}")
@@ -136,7 +136,7 @@ def plan(study: Path, jobs: int | None) -> None:
     say(f"Boundary:    {planned.layout.boundary.describe()}")
     threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''} without figures"
     say(f"Time:        about {duration(reading + seconds)} on {threads} (measured on blocks of this study)")
-    say(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
+    say(f"Memory:      about {gib(memory)} ({gib(available_memory())} available)")
     without = "" if traces_kept else ", without what reduce returns"
     say(f"Disk:        about {gib(room[0])} during the merge, {gib(room[1])} afterwards{without}")
 

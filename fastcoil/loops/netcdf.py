@@ -172,7 +172,7 @@ def _written(
 
 
 _CACHE = 2**20  # bytes of a variable
-_CHUNK, ALONG_TIME, _SLAB = 2**17, 2**10, 2**23
+_CHUNK, _ALONG_TIME, _SLAB = 2**17, 2**10, 2**23
 """Values of a chunk, and of these along time if there are several scenarios; values written at a time."""
 Slabs = Iterable[tuple[tuple[slice, ...], np.ndarray]]
 """Parts of an array, in C order, and their values."""
@@ -203,7 +203,7 @@ def slabs_of(shape: tuple[int, ...], n_dims: int) -> tuple[list[tuple[slice, ...
     """
     *volumes, n_points = shape[n_dims:] or (1,)
     of_point = math.prod(volumes)
-    most = min(_CHUNK // (of_point * min(n_points, ALONG_TIME)), _SLAB // (of_point * n_points))
+    most = min(_CHUNK // (of_point * min(n_points, _ALONG_TIME)), _SLAB // (of_point * n_points))
     slabs = list(pieces_of(shape[:n_dims], max(1, most)))
     sizes = [piece.stop - piece.start for piece in slabs[0]]
     along_time = min(n_points, max(1, _CHUNK // (of_point * math.prod(sizes))))
@@ -230,12 +230,10 @@ def append_slabs(file: netCDF4.Dataset, name: str, like: xr.Variable, chunk: Seq
 
 
 def compressed_share(arrays: Iterable[np.ndarray]) -> float:
-    """Which share of their bytes some chunks take when they are compressed as in a file; 1 without any."""
-    before = after = 0
-    for values in arrays:
-        shuffled = np.ascontiguousarray(values).reshape(-1, 1).view(np.uint8).T
-        before, after = before + values.nbytes, after + len(zlib.compress(shuffled.tobytes(), COMPRESSION["complevel"]))
-    return after / before if before else 1.0
+    """Which share of their bytes some values take when they are compressed as in a file; 1 without any."""
+    shuffled = [np.ascontiguousarray(a).reshape(-1, 1).view(np.uint8).T.tobytes() for a in arrays]
+    left = sum(len(zlib.compress(one, COMPRESSION["complevel"])) for one in shuffled)
+    return left / sum(map(len, shuffled)) if shuffled else 1.0
 
 
 def with_complete_coordinates(ds: xr.Dataset) -> xr.Dataset:

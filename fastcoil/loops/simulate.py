@@ -22,14 +22,13 @@ from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import tell_limited
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.netcdf import ALONG_TIME, compressed_share
-from fastcoil.loops.plan import Plan, Shard, plan_simulation, shards_of, simulation_attributes
+from fastcoil.loops.netcdf import compressed_share
+from fastcoil.loops.plan import PARAMETERS_AT_ONCE, Plan, Shard, plan_simulation, shards_of, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.loops.valve_test import ValveTest
 from fastcoil.model.engine.emulator import Day
 from fastcoil.model.engine.lanes import Block, TraceRequest, WorkSpace, blocks, parameter_matrix, run_block, work_space
-from fastcoil.model.engine.rows import LANES
 from fastcoil.model.metric_table import METRICS, TRACES, WARM_UP
 from fastcoil.model.numerics.jit import compiled_for
 from fastcoil.model.user_rules import rules_for_kernels
@@ -37,8 +36,6 @@ from fastcoil.model.user_rules import rules_for_kernels
 S = TypeVar("S")
 T = TypeVar("T")
 _PIECE = 0.5  # seconds; a long wait is cut into pieces
-_AT_ONCE = 128 * LANES
-"""Scenarios whose parameters exist at a time: these take ten times the memory of their metrics."""
 
 
 def within(seconds: float | None, call: Callable[[], T]) -> T:
@@ -146,8 +143,8 @@ def run_into(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> No
     if shard.is_sequence:
         _run_days_in_sequence(found, plan, shard, places, rules)
         return
-    for start in range(0, shard.size, _AT_ONCE):
-        columns = plan.layout.columns(shard.lanes[start : start + _AT_ONCE])
+    for start in range(0, shard.size, PARAMETERS_AT_ONCE):
+        columns = plan.layout.columns(shard.lanes[start : start + PARAMETERS_AT_ONCE])
         matrix = parameter_matrix(columns, rules)
         for k in np.unique(columns["day"]):
             day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
@@ -170,22 +167,21 @@ def _run_days_in_sequence(found: Results, plan: Plan, shard: Shard, places: np.n
                 found.run(block, day, of_day[lanes], work)
 
 
-_SHARDS_TIMED, _STEPS_TIMED, _CHUNKS_TRIED = 3, 28_800, 4
+_SHARDS_TIMED, _STEPS_TIMED, _LANES_TRIED = 3, 28_800, 8
 _PER_SHARD = 0.06  # seconds to write a shard and to read it in the merge, on a server with two cores
 _PER_TRACE_BYTE, _PER_METRIC_BYTE, _PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
 """Seconds to write, merge and compress, or to hash, there."""
 
 
 def estimate(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
-    """Run some blocks to foresee what all take with ``n_jobs`` threads.
+    """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks.
 
-    Returns the seconds from the first scenario to the results on the disk, and which share of the bytes of metrics and
-    of traces is left when they are compressed.
+    Also the shares of the bytes of metrics, and of traces, that are left when these are compressed.
     """
     shards = shards_of(plan, n_jobs)
     timed = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _SHARDS_TIMED).astype(int))]
     # of a sequence the first day stands for all
-    pieces = [shard.lanes[:_AT_ONCE] for shard in timed]
+    pieces = [shard.lanes[:PARAMETERS_AT_ONCE] for shard in timed]
     seconds, metrics, traces = zip(*(_tried(plan, piece) for piece in pieces), strict=True)
     work = sum(seconds) * plan.n_scenarios / sum(map(len, pieces))
     shares = compressed_share(np.concatenate(metrics, axis=1)), compressed_share(chain.from_iterable(traces))
@@ -195,10 +191,7 @@ def estimate(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
 
 
 def _tried(plan: Plan, piece: np.ndarray) -> tuple[float, np.ndarray, list[np.ndarray]]:
-    """Seconds that a thread takes for scenarios: each of their days is like the first, one block of which is run.
-
-    Also the metrics of this block, and some chunks of its traces.
-    """
+    """Seconds that a thread takes for scenarios on days like their first, by one block; some of its results."""
     columns, rules = plan.layout.columns(piece), rules_for_kernels(plan.layout.loop.rules)
     of_day = columns["day"] == columns["day"][0]
     matrix = parameter_matrix(columns, rules)[:, of_day]
@@ -216,10 +209,8 @@ def _tried(plan: Plan, piece: np.ndarray) -> tuple[float, np.ndarray, list[np.nd
         of_block = min(of_block, time.perf_counter() - start)
     seconds += len(made) * of_block * plan.n_steps / n_steps
     stored = [np.nan_to_num(v).astype(np.int8) if n == "mode" else v for n, v in traces.items()]
-    starts = np.arange(0, len(stored[0]), ALONG_TIME) if stored else np.zeros(1, dtype=int)
-    some = starts[np.unique(np.linspace(0, starts.size - 1, _CHUNKS_TRIED).astype(int))]
-    chunks = [values[k : k + ALONG_TIME, ..., : members.size].T for values in stored for k in some]
-    return seconds * piece.size / int(np.count_nonzero(of_day)), metrics[:, : members.size], chunks
+    some = [values[..., : members.size][..., :_LANES_TRIED].T for values in stored]
+    return seconds * piece.size / int(np.count_nonzero(of_day)), metrics[:, : members.size], some
 
 
 def simulate(

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import checking, choice_of, plain, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.boundary.record import Boundary
 from fastcoil.loops.boundary.samples import LARGE
 from fastcoil.loops.boundary.series import (
@@ -85,10 +84,7 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
         Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.  Very many
         days are a stream: they are made when they are needed.
     """
-    with checking() as check:
-        n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-    return _of_seeds(partial(_paper_day, n_steps), seeds, n_steps, seed)
+    return _of_seeds(_paper_day, hours, seed)
 
 
 def _paper_day(n_steps: int, seed: int) -> dict[str, Values]:
@@ -113,37 +109,28 @@ def _basis_of(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[Arr
     return h, np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)), noise
 
 
-def _of_seeds(
-    make: Callable[[int], dict[str, Values]], seeds: list[int], n_steps: int, seed: int | Iterable[int]
-) -> Boundary:
-    """The days that ``make`` makes of seeds: a single one without a dim ``day``, very many as a stream."""
+def _of_seeds(kind: Callable[..., dict[str, Values]], hours: Any, seed: Any, **conditions: Any) -> Boundary:
+    """Days of a kind, of their seeds: a single one without a dim ``day``, very many as a stream."""
+    with checking() as check:
+        n_steps = check(whole_seconds, hours)
+        seeds = check(_distinct_seeds, seed)
+        conditions = {name: check(condition_of, name, value) for name, value in conditions.items()}
+    make = partial(kind, n_steps, **conditions)
     if isinstance(plain(seed), int):
         return Boundary(**make(seeds[0]), day=seeds[0])
-    if len(seeds) * n_steps > LARGE:
-        return Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
-    series: dict[str, Array] = {}
-    for k, one in enumerate(seeds):
-        for name, values in make(one).items():
-            series.setdefault(name, np.empty((len(seeds), n_steps)))[k] = values
-    return Boundary(**series, day=seeds)
+    days = Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
+    return days if len(seeds) * n_steps > LARGE else Boundary.of(days.to_dataset(), by_air=True)
 
 
 def _stepped_set_point(n_steps: int) -> Array:
     return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
 
 
-def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
-    """The seeds of days of ``n_steps``: each a whole number, once; as many days as fit into memory, or a stream."""
+def _distinct_seeds(seed: int | Iterable[int]) -> list[int]:
+    """The seeds of days: whole numbers, each once."""
     seed = plain(seed)
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
-    # while they are made, days take three times what they take in the end
-    most = available_memory() // (3 * n_steps * 8 * len(BOUNDARY_SERIES))
     given = [seed] if isinstance(seed, int) else several_of("seed", seed, wanted)
-    if (len(given) if len(given) * n_steps <= LARGE else 1) > most:
-        raise InputError(
-            f"seed gives more than {most} days of {n_steps:,} s, for which {gib(available_memory())} suffice: "
-            "give fewer, or shorter days"
-        )
     seeds = [whole_of("seed", one, 0, LARGEST_DAY_LABEL, wanted) for one in given]
     if len(set(seeds)) < max(len(seeds), 1):
         raise InputError(f"seed {'has a number twice' if seeds else 'is empty'}: {wanted}")
@@ -310,24 +297,19 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
     hours
         Length, a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
     seed
-        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.  Very many
-        days are a stream: they are made when they are needed.
+        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
     T_w_in
         Mean temperature of the entering water [degC].
     """
-    with checking() as check:
-        n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-        T_w_mean = check(condition_of, "T_w_in", T_w_in)
-    return _of_seeds(partial(_heating_day, n_steps, T_w_mean), seeds, n_steps, seed)
+    return _of_seeds(_heating_day, hours, seed, T_w_in=T_w_in)
 
 
-def _heating_day(n_steps: int, T_w_mean: float, seed: int) -> dict[str, Values]:
+def _heating_day(n_steps: int, seed: int, T_w_in: float) -> dict[str, Values]:
     h, D, noise = _basis_of(n_steps, seed, HEATING_DRIFTS)
     return {
         "m_a": 0.9 + 0.2 * D + noise["m_a"],
         "T_a_in": 12.0 + 2.0 * D + noise["T_a_in"],
         "W_a_in": W_IN,
-        "T_w_in": T_w_mean + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
+        "T_w_in": T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
         "T_set": _stepped_set_point(n_steps) + WARMER,
     }

@@ -368,12 +368,9 @@ def all_where(ds: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
     """``ds.where(mask)``, a mask of the dims of all variables or fewer; many numbers are put into nameless files."""
     found = {}
     for name, values in ds.data_vars.items():
-        if values.dtype.kind == "f":
-            room = on_disk(values.shape, np.nan, values.dtype)
-            np.copyto(room, values.values, where=mask.broadcast_like(values).transpose(*values.dims).values)
-            found[name] = values.copy(deep=False, data=room)
-        else:
-            found[name] = values.where(mask)
+        room = on_disk(values.shape, np.nan, np.result_type(values.dtype, np.float32))
+        np.copyto(room, values.values, where=mask.broadcast_like(values).transpose(*values.dims).values)
+        found[name] = values.copy(deep=False, data=room)
     return ds.assign(found)
 
 

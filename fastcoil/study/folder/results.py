@@ -209,9 +209,11 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
         )
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
     smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in before])
-    new = np.concatenate([*_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now)])
+    found = [*_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now)]
+    new = np.concatenate(found, out=on_disk((plan.n_scenarios,), 0, found[0].dtype))
+    del found
     order = np.argsort(new, kind="stable")
-    new = new[order]
+    new = np.take(new, order, out=on_disk(new.shape, 0, new.dtype), mode="clip")
     places = []
     for keys in _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before):
         at = np.searchsorted(new, keys, side="right") - 1  # of equal scenarios the last one

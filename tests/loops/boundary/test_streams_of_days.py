@@ -134,8 +134,3 @@ def test_many_days_of_seeds_are_a_stream_of_the_same_days(kind, monkeypatch):
     assert stream == held
     assert stream.day_sha256 == held.day_sha256
     assert stream.isel(1).sha256 == kind(hours=0.05, seed=1).sha256
-    room = 8 * len(BOUNDARY_SERIES) * 3 * held.n_steps
-    monkeypatch.setattr(days, "available_memory", lambda: 2 * room)
-    assert kind(hours=0.05, seed=[1, 2, 3]).is_streamed  # no more than a day at a time is in memory
-    monkeypatch.setattr(days, "LARGE", 3 * held.n_steps)
-    assert "seed gives more than 2 days of 180 s" in only_problem(kind, hours=0.05, seed=[1, 2, 3])
