@@ -148,23 +148,23 @@ class Plan:
     def memory_of_run(self, n_jobs: int, backend: str, *, traces_kept: bool = True) -> tuple[int, int]:
         """Memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
-        Itself: values and labels of the results; while workers run, indices of all scenarios, a shard on its way to the
-        disk, and its file; in the merge, the file of a shard twice and a trace of it four times, as it is read,
-        decoded, compared and written; at last two copies of a metric.  A worker: a shard, parameters, a block and a
-        day; more where shards are copied, to be reduced or for another process, with its own libraries and boundary.
+        Itself: while workers run, indices of all scenarios, a shard on its way to the disk, and its file; then values
+        and labels of the results and, in the merge, the file of a shard twice with a trace of it and of two others, or
+        two copies of a metric in the summary.  A worker: a shard, parameters, a block and a day; a trace more to reduce
+        it; as another process, the shard twice, its own libraries and boundary.
         """
         n, layout, largest = self.n_scenarios, self.layout, self._largest_shard(n_jobs)
         each = -(-(self.metric_bytes + self.trace_bytes) // n) * largest
         written = each if traces_kept else self.metric_bytes // n * largest
-        trace = max(map(self._trace_bytes, self.traces.names), default=0) // n * largest * traces_kept
-        each *= 1 if traces_kept and backend == "threads" else 2
+        trace = max(map(self._trace_bytes, self.traces.names), default=0) // n * largest
+        each += trace * (not traces_kept) if backend == "threads" else each
         each += -(-self.trace_bytes // n) * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
         each += _OF_PARAMETERS * min(largest, PARAMETERS_AT_ONCE)
         if backend != "threads":
             each += _OF_PROCESS + (0 if layout.boundary.is_streamed else 2 * self.boundary_bytes)
-        held = sum(values.nbytes for values in layout.loop.swept.values()) + 2 * 8 * sum(layout.sizes.values())
-        afterwards = max(2 * written + 4 * trace, 16 * n)  # when there are no workers
-        return held + max(8 * n + 2 * written, afterwards - n_jobs * each), each
+        afterwards = max(2 * written + 3 * trace * traces_kept, 16 * n)  # when there are no workers
+        afterwards += sum(values.nbytes for values in layout.loop.swept.values()) + 2 * 8 * sum(layout.sizes.values())
+        return max(8 * n + 2 * written, afterwards - n_jobs * each), each
 
     def disk_bytes(
         self, *, traces_kept: bool = True, metrics_left: float = 1.0, traces_left: float = 1.0
