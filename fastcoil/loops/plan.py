@@ -148,10 +148,10 @@ class Plan:
     def memory_of_run(self, n_jobs: int, backend: str, *, traces_kept: bool = True) -> tuple[int, int]:
         """Memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
-        Itself: while workers run, indices of all scenarios, a shard on its way to the disk, and its file; then values
-        and labels of the results and, in the merge, the file of a shard twice with a trace of it and of two others, or
-        two copies of a metric in the summary.  A worker: a shard, parameters, a block and a day; a trace more to reduce
-        it; as another process, the shard twice, its own libraries and boundary.
+        Itself: while workers run, indices of all scenarios, a shard on its way to the disk, its file, and one that the
+        allocator keeps; then values and labels of the results and, in the merge, the file of a shard twice with a trace
+        of it and of two others, or two copies of a metric in the summary.  A worker: a shard, parameters, a block and a
+        day; a trace more to reduce it; as another process, the shard twice, its own libraries and boundary.
         """
         n, layout, largest = self.n_scenarios, self.layout, self._largest_shard(n_jobs)
         each = -(-(self.metric_bytes + self.trace_bytes) // n) * largest
@@ -164,7 +164,7 @@ class Plan:
             each += _OF_PROCESS + (0 if layout.boundary.is_streamed else 2 * self.boundary_bytes)
         afterwards = max(2 * written + 3 * trace * traces_kept, 16 * n)  # when there are no workers
         afterwards += sum(values.nbytes for values in layout.loop.swept.values()) + 2 * 8 * sum(layout.sizes.values())
-        return max(8 * n + 2 * written, afterwards - n_jobs * each), each
+        return max(8 * n + 3 * written, afterwards - n_jobs * each), each
 
     def disk_bytes(
         self, *, traces_kept: bool = True, metrics_left: float = 1.0, traces_left: float = 1.0
