@@ -17,8 +17,8 @@ from fastcoil.deliver.figures.swept import standard_figures
 from fastcoil.deliver.report import page
 from fastcoil.loops.labels import is_parameter, plain_pi, quantity, quantity_of, quantity_of_values
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
-from fastcoil.study.analysis.compare import all_where, change_of, middle_of, without_off_days
-from fastcoil.study.analysis.selected import own_metrics
+from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
+from fastcoil.study.analysis.selected import all_where, own_metrics
 from fastcoil.study.analysis.summary import cautions, comparable, estimate_dim, findings, recommended
 from fastcoil.study.file.spec import billing_of
 from fastcoil.study.folder.results import open_finished

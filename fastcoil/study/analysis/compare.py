@@ -14,13 +14,12 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import checking, flag_of, level_of, mapping_of, names_of, number_of, plain, refuse
-from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import InputError, nearest, shown
 from fastcoil.base.text import NONE, decimals_of, percent, written
 from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_values
 from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
-from fastcoil.study.analysis.selected import listed, own_metrics
+from fastcoil.study.analysis.selected import all_where, listed, own_metrics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -362,16 +361,6 @@ def without_off_days(ds: xr.Dataset) -> xr.Dataset:
     on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
     per_day = [n for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims]
     return ds.assign(all_where(ds[per_day], on).data_vars)
-
-
-def all_where(ds: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
-    """``ds.where(mask)``, a mask of the dims of all variables or fewer; many numbers are put into nameless files."""
-    found = {}
-    for name, values in ds.data_vars.items():
-        room = on_disk(values.shape, np.nan, np.result_type(values.dtype, np.float32))
-        np.copyto(room, values.values, where=mask.broadcast_like(values).transpose(*values.dims).values)
-        found[name] = values.copy(deep=False, data=room)
-    return ds.assign(found)
 
 
 def in_shares(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:

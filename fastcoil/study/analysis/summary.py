@@ -11,10 +11,10 @@ import xarray as xr
 from fastcoil.loops.labels import label_in_words, plain_pi, quantity_of, sizes_in_words
 from fastcoil.model.metric_table import STATUS_OK
 from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
-from fastcoil.study.analysis.compare import all_where, change_of, middle_of, without_off_days
+from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
 from fastcoil.study.analysis.precision import precision_of
-from fastcoil.study.analysis.selected import numeric_dims
+from fastcoil.study.analysis.selected import all_where, numeric_dims
 
 _COUNTED = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency")
 PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose

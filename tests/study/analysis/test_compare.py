@@ -13,6 +13,7 @@ from fastcoil.base import arrays
 from fastcoil.model.metric_table import STATUS_NON_FINITE
 from fastcoil.study.analysis import compare
 from fastcoil.study.analysis.compare import STATISTICS
+from fastcoil.study.analysis.selected import all_where
 
 
 def against_0(ds, **options):
@@ -334,5 +335,5 @@ def test_masked_results_are_those_of_xarray_with_their_labels_and_attributes(lar
     ds = result(("kp", "day"), rmse=rng.normal(size=(3, 5)), hunts=rng.integers(0, 2, (3, 5)))
     ds = ds.assign(own=ds["rmse"].T.assign_attrs(units="K")).assign_attrs(title="t")
     for mask in (ds["rmse"] > 0.0, ds["kp"] > 0):
-        found, expected = (each.transpose("kp", "day") for each in (compare.all_where(ds, mask), ds.where(mask)))
+        found, expected = (each.transpose("kp", "day") for each in (all_where(ds, mask), ds.where(mask)))
         xr.testing.assert_identical(found, expected)
