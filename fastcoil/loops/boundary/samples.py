@@ -192,9 +192,8 @@ class Samples:
         warn_of_stops(stopped)
         if not small:
             return Survey(extremes, digest_of(self, 2, (one.encode() for one in hashes)), hashes, damp)
-        names = [name for name, ends in extremes.items() if counts(name, *ends)]
-        whole = (np.stack([rows[name] for rows in kept], dtype="<f8").data for name in names)  # one at a time
-        named = ((name.encode(), values) for name, values in zip(names, whole, strict=True))
+        of_kept = ((name, [rows[name] for rows in kept]) for name in hashed(extremes))
+        named = ((name.encode(), np.stack(rows, dtype="<f8").data) for name, rows in of_kept)  # one at a time
         return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes, damp)
 
     @property
@@ -345,11 +344,7 @@ def digest_of(days: Samples, version: int, parts: Iterable[Any]) -> str:
     return digest.hexdigest()
 
 
-def hashed(series: Mapping[str, Array]) -> list[str]:
-    """The series that count; one of ``ADDED_SERIES`` only where it does something."""
-    return [name for name, values in series.items() if counts(name, values.min(), values.max())]
-
-
-def counts(name: str, low: float, high: float) -> bool:
-    """Whether a series with this range counts in a digest."""
-    return name not in ADDED_SERIES or (low, high) != (BOUNDARY_SERIES[name].default,) * 2
+def hashed(series: Mapping[str, Any]) -> list[str]:
+    """The series, given by their values or ranges, that count; one of ``ADDED_SERIES`` only where it does something."""
+    default = {name: BOUNDARY_SERIES[name].default for name in ADDED_SERIES}
+    return [n for n, values in series.items() if n not in default or np.any(np.asarray(values) != default[n])]
