@@ -77,11 +77,11 @@ def open_study(folder: str | Path) -> xr.Dataset:
     return store.settled(lambda: _open(store))
 
 
-def open_metrics(folder: Path) -> xr.Dataset:
+def open_metrics(folder: Path, leave_out: Collection[str] = TRACES) -> xr.Dataset:
     """Open the results of a study without traces, which of an unfinished one would be loaded; raises as it does."""
     store = StudyFolder(folder)
-    ds = store.settled(lambda: _open(store, TRACES))
-    return ds.drop_vars(TRACES, errors="ignore")
+    ds = store.settled(lambda: _open(store, leave_out))
+    return ds.drop_vars(leave_out, errors="ignore")
 
 
 def open_finished(folder: Path) -> xr.Dataset:
