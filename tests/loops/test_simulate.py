@@ -153,7 +153,7 @@ def test_a_controller_gone_nan_is_flagged(short):
 
 
 def test_how_many_parameters_exist_at_a_time_changes_nothing(days, monkeypatch):
-    loop = fc.Loop(noise_std=0.02, backlash=np.linspace(0.0, 0.1, 35), estimator=["none", "hagglund"])
+    loop = fc.Loop(noise_std=0.02, backlash=np.linspace(0.0, 0.1, 35), learning_step=[0.0, 0.005])
     whole = fc.simulate(loop, days, warm_up=60, replicates=2, n_jobs=1)
     monkeypatch.setattr(simulate, "PARAMETERS_AT_ONCE", 64)
     assert fc.simulate(loop, days, warm_up=60, replicates=2, n_jobs=1).content_sha256 == whole.content_sha256
