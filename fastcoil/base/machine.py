@@ -125,6 +125,11 @@ def available_memory() -> int:
     return min([_of_machine(), *_of_groups(), *_of_process()])
 
 
+def private_memory() -> int:
+    """Bytes of memory that this process has for itself; where the system does not say it, those of the libraries."""
+    return _fields(PROC / "self" / "status").get("RssAnon:", 150 * 1024) * 1024
+
+
 def gib(n_bytes: float) -> str:
     """Format a number of bytes."""
     for size, unit in ((2**30, "GiB"), (2**20, "MiB"), (2**10, "KiB")):

@@ -110,10 +110,10 @@ def run(
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
 def plan(study: Path, jobs: int | None) -> None:
     """Check a STUDY file and show its size and run time; writes nothing."""
-    from fastcoil.base.machine import available_memory, gib
+    from fastcoil.base.machine import available_memory, gib, private_memory
     from fastcoil.loops.labels import sizes_in_words
     from fastcoil.loops.plan import check_disk, shards_of
-    from fastcoil.loops.simulate import estimate_seconds, workers
+    from fastcoil.loops.simulate import estimate, workers
     from fastcoil.model.engine.lanes import compile_kernel
     from fastcoil.study.file.spec import read_study
     from fastcoil.study.run import default_folder
@@ -123,13 +123,14 @@ def plan(study: Path, jobs: int | None) -> None:
     asked = read_study(study, prepare=run_own_code)
     reading = time.perf_counter() - start
     planned, traces_kept = asked.plan, asked.reduction is None
-    check_disk(planned.disk_bytes(traces_kept=traces_kept), default_folder(study))
+    check_disk(planned.disk_bytes(traces_kept=traces_kept)[0], default_folder(study))
     announce_compilation()
     compile_kernel()
-    seconds = reading + estimate_seconds(planned, n_jobs)
-    sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"
     alone, each = planned.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
-    memory = alone + n_jobs * each
+    memory = private_memory() + alone + n_jobs * each
+    seconds, metrics_left, traces_left = estimate(planned, n_jobs)
+    room = planned.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
+    sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"
     say(f"Scenarios:   {planned.n_scenarios:,} ({sizes})")
     if asked.precision:
         say(f"Precision:   {asked.precision.how(planned.n_scenarios // asked.batches)}")
@@ -137,10 +138,11 @@ def plan(study: Path, jobs: int | None) -> None:
     n_steps = planned.n_scenarios * planned.n_steps
     say(f"Steps:       {planned.n_steps:,} s each, {n_steps:,} in total, {n_shards} shards")
     say(f"Boundary:    {planned.layout.boundary.describe()}")
-    threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''}"
-    say(f"Time:        about {duration(seconds)} on {threads} without figures (measured on blocks of this study)")
-    say(f"Memory:      up to {gib(memory)} ({gib(available_memory())} available)")
-    say(f"Disk:        up to {gib(planned.disk_bytes(traces_kept=traces_kept))} during the merge")
+    threads = f"{n_jobs} thread{'s' if n_jobs != 1 else ''} without figures"
+    say(f"Time:        about {duration(reading + seconds)} on {threads} (measured on blocks of this study)")
+    say(f"Memory:      about {gib(memory)} ({gib(available_memory())} available)")
+    without = "" if traces_kept else ", without what reduce returns"
+    say(f"Disk:        about {gib(room[0])} during the merge, {gib(room[1])} afterwards{without}")
 
 
 @click.command()

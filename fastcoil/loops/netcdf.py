@@ -16,6 +16,7 @@ import os
 import stat
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from xarray.backends import BackendArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 from xarray.core import indexing
 
+from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import FastcoilError, IntegrityError, StorageError, out_of_memory
 from fastcoil.base.files import commit_written, storage_errors
 from fastcoil.base.machine import IS_POSIX, available_memory, gib
@@ -227,6 +229,13 @@ def append_slabs(file: netCDF4.Dataset, name: str, like: xr.Variable, chunk: Seq
             variable[key] = values
 
 
+def compressed_share(arrays: Iterable[np.ndarray]) -> float:
+    """Which share of their bytes some values take when they are compressed as in a file; 1 without any."""
+    shuffled = [np.ascontiguousarray(a).reshape(-1, 1).view(np.uint8).T.tobytes() for a in arrays]
+    left = sum(len(zlib.compress(one, COMPRESSION["complevel"])) for one in shuffled)
+    return left / sum(map(len, shuffled)) if shuffled else 1.0
+
+
 def with_complete_coordinates(ds: xr.Dataset) -> xr.Dataset:
     """The Dataset, whose coordinates say, also in a file that a user writes, that nothing is missing (CF 2.5.1)."""
     for name in ds.coords:
@@ -422,7 +431,7 @@ def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
     """The variables of a file, read when their values are needed; the file is not opened before."""
     variables = {}
     for name, described in layout.items():
-        array = _OnDisk(file, name, tuple(described["shape"]), np.dtype(described["dtype"]))
+        array = _OnDisk(file, name, described)
         # kept once read, and copied before it is changed, as by xarray.open_dataset
         lazy: Any = indexing.LazilyIndexedArray(array)
         lazy = indexing.CopyOnWriteArray(indexing.MemoryCachedArray(lazy))  # type: ignore[no-untyped-call, arg-type]
@@ -438,12 +447,23 @@ def open_lazily(file: StoredFile, layout: TraceLayout) -> xr.Dataset:
 class _OnDisk(BackendArray):
     """A variable in a file, as xarray reads it."""
 
-    def __init__(self, file: StoredFile, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        self.file, self.name, self.shape, self.dtype = file, name, shape, dtype
+    def __init__(self, file: StoredFile, name: str, described: Mapping[str, Any]) -> None:
+        self.file, self.name = file, name
+        self.shape, self.dtype = tuple(described["shape"]), np.dtype(described["dtype"])
+        self.is_trace = not {*described["dims"]}.isdisjoint(ALONG_TRACES)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: Any) -> np.ndarray:
+        if not self.is_trace and all(k == slice(None) for k in key):
+            return self._whole()
         found = self.file.read(self.name, self.shape, key)
         return found.astype(self.dtype, copy=False)
+
+    def _whole(self) -> np.ndarray:
+        """All values, which xarray keeps: in a nameless file, so that those of many scenarios take no memory."""
+        room = on_disk(self.shape, 0, self.dtype)
+        for piece in pieces_of(self.shape, _SLAB):
+            room[piece] = self.file.read(self.name, self.shape, piece)
+        return room

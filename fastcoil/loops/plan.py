@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from fastcoil.base.arguments import checking, choice_of, collecting, flag_of, instance_of, whole_of
+from fastcoil.base.arrays import LARGE
 from fastcoil.base.errors import InputError, WrongType, shown
 from fastcoil.base.files import exists, storage_errors
 from fastcoil.base.machine import available_memory, gib
@@ -72,15 +73,15 @@ RUN_LIMITS: dict[str, tuple[int, int | None]] = {
 
 _LANE_STEPS_PER_SHARD = 60e6  # about 1 to 2 s of work on one core
 _SHARDS_PER_WORKER = 4
-_BYTES_PER_SHARD = 64 * 2**20
+_BYTES_PER_SHARD, _BYTES_IN_FLIGHT = 64 * 2**20, 192 * 2**20  # of results; of the shards of all workers and one more
 _LANE_STEPS_PER_SEQUENCE = 1e10  # about two minutes, which a kill costs at most, but for the fewest blocks
 _FEWEST_BLOCKS = 8  # of days in sequence: each shard makes its days itself, which fewer do not repay
 _BLOCKS_PER_GROUP, _GROUPS_PER_WORKER = 4, 4
 """Fewer, where workers would have nothing to do; more groups even out what they have to do."""
-_OF_KERNELS, _OF_PROCESS = 64 * 2**20, 170 * 2**20
-"""Memory of the compiled kernels, and of a worker that is a process, measured; libraries are shared."""
-_OF_PARAMETERS, _OF_SUMMARY = 2400, 70
-"""Bytes for each scenario: of a shard that runs, and of all in the merge and the summary, measured."""
+_OF_PROCESS = 170 * 2**20
+"""Memory of a worker that is a process, measured; libraries are shared."""
+_OF_PARAMETERS, PARAMETERS_AT_ONCE = 2400, 128 * LANES
+"""Bytes of the parameters of a scenario, measured, ten times those of its metrics; scenarios with them at a time."""
 
 
 @dataclass(frozen=True)
@@ -136,35 +137,53 @@ class Plan:
         return len(self.days) * self.n_steps * 8 * len(DAY_COLUMNS)
 
     def memory_of_run(self, n_jobs: int, backend: str, *, traces_kept: bool = True) -> tuple[int, int]:
-        """Most memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
+        """Memory in bytes that a run with traces on disk takes besides what this process has: itself, each worker.
 
-        Itself: the kernels, the metrics of which the summary speaks, and shards on their way to the disk; the merge
-        takes no more.  A worker: a shard with its parameters, a block and a day; more where shards are copied, to be
-        reduced or for another process, which has Python, its libraries and the boundary too.
+        Itself: while workers run, indices of all scenarios, a shard on its way to the disk, its file, and one that the
+        allocator keeps; then values and labels of the results and, in the merge, the file of a shard twice with a trace
+        of it and of two others, or two copies of a metric in the summary.  A worker: a shard, parameters, a block and a
+        day; a trace more to reduce it; as another process, the shard twice, its own libraries and boundary.
         """
-        of_scenario = -(-(self.metric_bytes + self.trace_bytes) // self.n_scenarios)
+        n, layout = self.n_scenarios, self.layout
         if self.carry_over:
             largest = min(self.lanes_of_sequence(n_jobs, self.n_a_day), self.n_a_day) * len(self.days)
         else:
             blocks, scenarios = self.shard_limits(n_jobs, len(self.days) * -(-self.n_a_day // LANES))
-            largest = min(blocks * LANES, scenarios, self.n_scenarios)
-        copies = 1 if traces_kept and backend == "threads" else 3
-        each = (copies * of_scenario + _OF_PARAMETERS) * largest
-        each += of_scenario * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
+            largest = min(blocks * LANES, scenarios, n)
+        each = -(-(self.metric_bytes + self.trace_bytes) // n) * largest
+        written = each if traces_kept else self.metric_bytes // n * largest
+        trace = max(map(self._trace_bytes, self.traces.names), default=0) // n * largest
+        each += trace * (not traces_kept) if backend == "threads" else each
+        each += -(-self.trace_bytes // n) * LANES + self.n_steps * 8 * (len(DAY_COLUMNS) + 8)
+        each += _OF_PARAMETERS * min(largest, PARAMETERS_AT_ONCE)
         if backend != "threads":
-            each += _OF_PROCESS + (0 if self.layout.boundary.is_streamed else 2 * self.boundary_bytes)
-        return _OF_KERNELS + _OF_SUMMARY * self.n_scenarios + 3 * of_scenario * largest, each
+            each += _OF_PROCESS + (0 if layout.boundary.is_streamed else 2 * self.boundary_bytes)
+        afterwards = max(2 * written + 3 * trace * traces_kept, 16 * n)  # when there are no workers
+        afterwards += sum(values.nbytes for values in layout.loop.swept.values()) + 2 * 8 * sum(layout.sizes.values())
+        return max(8 * n + 3 * written, afterwards - n_jobs * each), each
 
-    def disk_bytes(self, *, traces_kept: bool = True) -> int:
-        """Most room that a study takes on disk, while it is merged: shards, results, what is put together for them."""
-        of_shards = sum(self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names)
-        return 3 * self.metric_bytes + (3 if self.carry_over else 2) * of_shards * traces_kept
+    def disk_bytes(
+        self, *, traces_kept: bool = True, metrics_left: float = 1.0, traces_left: float = 1.0
+    ) -> tuple[int, int]:
+        """Room that a study takes on disk while it is merged, and what is left of it.
+
+        Shards are not compressed, and are there until the results are; in between metrics are put together, and each
+        trace of days in sequence, whose shards are not in their order.
+
+        metrics_left, traces_left: the share of their bytes that results take, see ``estimate``; by default the most.
+        """
+        traces = [self._trace_bytes(name) // (8 if name == "mode" else 1) for name in self.traces.names if traces_kept]
+        left = int(self.n_scenarios * 8 * len(METRICS) * metrics_left + sum(traces) * traces_left)
+        left += sum(values.nbytes for values in self.layout.loop.swept.values())
+        put_together = self.metric_bytes * (8 * self.n_scenarios >= LARGE) + max([0, *traces]) * self.carry_over
+        return self.metric_bytes + sum(traces) + put_together + left, left
 
     def shard_limits(self, n_jobs: int, n_blocks: int) -> tuple[int, int]:
         """Most blocks and most scenarios of a shard, if ``n_blocks`` are to be run."""
         by_work = _LANE_STEPS_PER_SHARD / (self.n_steps * LANES)
         by_workers = n_blocks / (n_jobs * _SHARDS_PER_WORKER)
-        by_size = _BYTES_PER_SHARD * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
+        room = min(_BYTES_PER_SHARD, _BYTES_IN_FLIGHT // (n_jobs + 1))
+        by_size = room * self.n_scenarios // (self.metric_bytes + self.trace_bytes)
         return max(1, round(min(by_work, by_workers))), max(LANES, by_size)
 
     def lanes_of_sequence(self, n_jobs: int, n_lanes: int) -> int:
@@ -173,7 +192,8 @@ class Plan:
         if n_jobs > 1:
             n_groups = max(n_jobs, min(n_blocks // _BLOCKS_PER_GROUP, n_jobs * _GROUPS_PER_WORKER))
         by_work = max(_FEWEST_BLOCKS, int(_LANE_STEPS_PER_SEQUENCE / (self.n_steps * len(self.days) * LANES)))
-        by_size = _BYTES_PER_SHARD * self.n_a_day // (self.metric_bytes + self.trace_bytes)
+        room = min(_BYTES_PER_SHARD, _BYTES_IN_FLIGHT // (n_jobs + 1))
+        by_size = room * self.n_a_day // (self.metric_bytes + self.trace_bytes)
         return max(1, min(LANES * min(-(-n_blocks // n_groups), by_work), by_size))
 
 

@@ -1,6 +1,6 @@
 """``simulate``: loops × days × replicates → Dataset; shards through the kernels, on threads, and how long that takes.
 
-A shard is the unit of scheduling and of progress, and its parameters exist only while it runs.
+A shard is the unit of scheduling and of progress; parameters exist only while the blocks that have them run.
 """
 
 import concurrent.futures as cf
@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +21,8 @@ from fastcoil.base.progress import Advance, progress_of_call
 from fastcoil.loops.boundary import Boundary
 from fastcoil.loops.clashes import tell_limited
 from fastcoil.loops.loop import Loop
-from fastcoil.loops.plan import Plan, Shard, plan_simulation, shards_of, simulation_attributes
+from fastcoil.loops.netcdf import compressed_share
+from fastcoil.loops.plan import PARAMETERS_AT_ONCE, Plan, Shard, plan_simulation, shards_of, simulation_attributes
 from fastcoil.loops.provenance import content_sha256, provenance
 from fastcoil.loops.scenarios import flat_dataset, unflatten
 from fastcoil.loops.valve_test import ValveTest
@@ -134,12 +136,13 @@ def run_into(found: Results, plan: Plan, shard: Shard, places: np.ndarray) -> No
     if shard.is_sequence:
         _run_days_in_sequence(found, plan, shard, places, rules)
         return
-    columns = plan.layout.columns(shard.index)
-    matrix = parameter_matrix(columns, rules)
-    for k in np.unique(columns["day"]):
-        day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
-        for lanes, block in blocks(matrix[:, of_day], rules):
-            found.run(block, day, places[of_day[lanes]])
+    for start in range(0, shard.size, PARAMETERS_AT_ONCE):
+        columns = plan.layout.columns(shard.lanes[start : start + PARAMETERS_AT_ONCE])
+        matrix = parameter_matrix(columns, rules)
+        for k in np.unique(columns["day"]):
+            day, of_day = plan.days[int(k)], np.flatnonzero(columns["day"] == k)
+            for lanes, block in blocks(matrix[:, of_day], rules):
+                found.run(block, day, places[start + of_day[lanes]])
 
 
 def _run_days_in_sequence(found: Results, plan: Plan, shard: Shard, places: np.ndarray, rules: Any) -> None:
@@ -157,42 +160,50 @@ def _run_days_in_sequence(found: Results, plan: Plan, shard: Shard, places: np.n
                 found.run(block, day, of_day[lanes], work)
 
 
-_SHARDS_TIMED, _STEPS_TIMED = 3, 28_800
+_SHARDS_TIMED, _STEPS_TIMED, _LANES_TRIED = 3, 28_800, 8
 _PER_SHARD = 0.06  # seconds to write a shard and to read it in the merge, on a server with two cores
 _PER_TRACE_BYTE, _PER_METRIC_BYTE, _PER_BOUNDARY_BYTE = 32e-9, 12e-9, 1e-9
 """Seconds to write, merge and compress, or to hash, there."""
 
 
-def estimate_seconds(plan: Plan, n_jobs: int) -> float:
-    """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks."""
+def estimate(plan: Plan, n_jobs: int) -> tuple[float, float, float]:
+    """Seconds from the first scenario to the results on the disk, with ``n_jobs`` threads; runs some blocks.
+
+    Also the shares of the bytes of metrics, and of traces, that are left when these are compressed.
+    """
     shards = shards_of(plan, n_jobs)
     timed = [shards[k] for k in np.unique(np.linspace(0, len(shards) - 1, _SHARDS_TIMED).astype(int))]
     # of a sequence the first day stands for all
-    pieces = [shard.lanes if shard.is_sequence else shard.index for shard in timed]
-    work = sum(_seconds_of(plan, piece) for piece in pieces) * plan.n_scenarios / sum(map(len, pieces))
+    pieces = [shard.lanes[:PARAMETERS_AT_ONCE] for shard in timed]
+    seconds, metrics, traces = zip(*(_tried(plan, piece) for piece in pieces), strict=True)
+    work = sum(seconds) * plan.n_scenarios / sum(map(len, pieces))
+    shares = compressed_share(np.concatenate(metrics, axis=1)), compressed_share(chain.from_iterable(traces))
     bytes_written = plan.trace_bytes * _PER_TRACE_BYTE + plan.metric_bytes * _PER_METRIC_BYTE
     afterwards = len(shards) * _PER_SHARD + bytes_written + plan.boundary_bytes * _PER_BOUNDARY_BYTE
-    return work / min(n_jobs, len(shards)) + afterwards
+    return work / min(n_jobs, len(shards)) + afterwards, *shares
 
 
-def _seconds_of(plan: Plan, piece: np.ndarray) -> float:
-    """Seconds that a thread takes for scenarios: each of their days is like the first, one block of which is run."""
+def _tried(plan: Plan, piece: np.ndarray) -> tuple[float, np.ndarray, list[np.ndarray]]:
+    """Seconds that a thread takes for scenarios on days like their first, by one block; some of its results."""
     columns, rules = plan.layout.columns(piece), rules_for_kernels(plan.layout.loop.rules)
     of_day = columns["day"] == columns["day"][0]
     matrix = parameter_matrix(columns, rules)[:, of_day]
     blocks(matrix, rules)  # compiles, once, what its blocks call
     start = time.perf_counter()
-    made = [block for _, block in blocks(matrix, rules)]
+    made = blocks(matrix, rules)
+    members, block = made[len(made) // 2]
     day, n_steps = plan.days[int(columns["day"][0])], min(plan.n_steps, _STEPS_TIMED)
     seconds, of_block = time.perf_counter() - start, np.inf
     flags = day.schedule._replace(flags=day.schedule.flags[:n_steps])
     part = day._replace(series=day.series[:n_steps], command=day.command[:n_steps], schedule=flags)
     for _ in range(2):
         start = time.perf_counter()
-        run_interruptibly(made[len(made) // 2], part, plan.traces)
+        metrics, _, traces = run_interruptibly(block, part, plan.traces)
         of_block = min(of_block, time.perf_counter() - start)
     seconds += len(made) * of_block * plan.n_steps / n_steps
-    return seconds * piece.size / int(np.count_nonzero(of_day))
+    stored = [np.nan_to_num(v).astype(np.int8) if n == "mode" else v for n, v in traces.items()]
+    some = [values[..., : members.size][..., :_LANES_TRIED].T for values in stored]
+    return seconds * piece.size / int(np.count_nonzero(of_day)), metrics[:, : members.size], some
 
 
 def simulate(

@@ -51,7 +51,8 @@ def status(folder: Path) -> list[str]:
     if held:
         running.append(f"Shares that are being run: {listed(held)}.")
     try:
-        manifest, ds = store.require_manifest(), open_metrics(folder)
+        manifest, ds = store.require_manifest(), open_metrics(folder, {*TRACES, *METRICS})
+        ds = open_metrics(folder) if precision_of(ds) else ds
     except InputError:  # no shard is finished
         if not running and Manifest.read(folder) is None:
             raise

@@ -189,7 +189,7 @@ def execute_share(
         load_rules(plan.layout.loop.rules, study.rules)
         work = _decide(study, store, extend=False, own=own)
         if isinstance(work, tuple) and work[2].size:
-            needed = plan.disk_bytes(traces_kept=study.reduction is None) * work[2].size // plan.n_scenarios
+            needed = plan.disk_bytes(traces_kept=study.reduction is None)[0] * work[2].size // plan.n_scenarios
             check_disk(needed, store.path)
             _run_missing(study, store, work, (backend, n_jobs, scheduler), of_share, SCENARIO_DAYS)
         return work[2].size if isinstance(work, tuple) else None
@@ -266,7 +266,7 @@ def _run_and_merge(
 ) -> Finished:
     """Run what is missing, shard by shard, and merge all of it."""
     plan, start, (backend, n_jobs, _), (manifest, computed, missing) = study.plan, time.monotonic(), asked, work
-    check_disk(plan.disk_bytes(traces_kept=study.reduction is None), store.path)
+    check_disk(plan.disk_bytes(traces_kept=study.reduction is None)[0], store.path)
     n_run = 0
     if missing.size:
         n_run, n_jobs, manifest = _run_missing(study, store, work, asked, progress, what)
@@ -321,7 +321,7 @@ def _run(
             if not recorded:
                 store.write_manifest(manifest, study.text)
                 recorded = True
-            first = check_same_form(first, part)
+            first = check_same_form(first, part).isel(scenario=[0])  # a copy: the shard itself need not be kept
             computed.shards.commit(part)
             advance(part.sizes["scenario"])
     return n_jobs, manifest

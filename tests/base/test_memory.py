@@ -81,6 +81,7 @@ def test_whatever_is_odd_is_no_limit(files, odd):
 def test_at_a_limit_of_700_mb_a_user_gets_a_sentence(tmp_path, mib):
     (tmp_path / "large.toml").write_text(
         "[loop]\n[sweep]\nkp = { linspace = [0.01, 0.03, 1000] }\nti = { linspace = [5.0, 30.0, 900] }\n"
+        "backlash = { linspace = [0.0, 0.1, 40] }\n"
     )
     command = [sys.executable, "-m", "fastcoil", "run", "large.toml", "-j", "2"]
     done = subprocess.run(

@@ -26,7 +26,9 @@ def test_plan_counts_a_day_with_one_scenario_as_a_block_and_says_what_it_takes(s
     assert ", 8 shards" in found.output
     seconds = float(re.search(r"Time: +about ([0-9.]+) s on 2 threads without figures", found.output)[1])
     assert 0.3 < seconds < 100.0
-    assert float(re.search(r"Memory: +up to ([0-9.]+) MiB \(", found.output)[1]) > 50.0
+    assert float(re.search(r"Memory: +about ([0-9.]+) MiB \(", found.output)[1]) > 150.0
+    room = re.search(r"Disk: +about ([0-9.]+) [KM]iB during the merge, ([0-9.]+) KiB afterwards\n", found.output)
+    assert room is not None
 
 
 def test_workers_that_do_not_fit_are_refused_before_anything_is_written(study, monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 import fastcoil as fc
+from fastcoil.loops import simulate
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, TRACES
 from fastcoil.model.parameter_table import PARAMETERS
 
@@ -149,3 +150,10 @@ def test_adding_sweep_values_changes_no_scenario(days):
 def test_a_controller_gone_nan_is_flagged(short):
     ds = fc.simulate(fc.Loop(ti=1e-320, sensor_resolution=0.5), short, traces=["u"], warm_up=60)
     assert int(ds.status) != 0
+
+
+def test_how_many_parameters_exist_at_a_time_changes_nothing(days, monkeypatch):
+    loop = fc.Loop(noise_std=0.02, backlash=np.linspace(0.0, 0.1, 35), learning_step=[0.0, 0.005])
+    whole = fc.simulate(loop, days, warm_up=60, replicates=2, n_jobs=1)
+    monkeypatch.setattr(simulate, "PARAMETERS_AT_ONCE", 64)
+    assert fc.simulate(loop, days, warm_up=60, replicates=2, n_jobs=1).content_sha256 == whole.content_sha256

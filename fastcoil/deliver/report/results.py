@@ -30,7 +30,7 @@ from fastcoil.measured.fit import Fit
 from fastcoil.measured.part import FITTING, VALIDATION
 from fastcoil.model.metric_table import METRICS, STATUS_MEANINGS, STATUS_OK
 from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
-from fastcoil.study.analysis.selected import own_metrics
+from fastcoil.study.analysis.selected import all_where, own_metrics
 from fastcoil.study.analysis.summary import cautions, comparable, estimate_dim, findings, recommended
 from fastcoil.study.file.spec import billing_of
 from fastcoil.study.folder.folder import StudyFolder
@@ -52,7 +52,7 @@ def comparisons(ds: xr.Dataset) -> list[page.Table]:
     """A table for every dimension with labels."""
     ratio, pi = estimate_dim(ds), plain_pi(ds)
     ds = without_off_days(ds[[name for name in (*_SHOWN, *own_metrics(ds), "status") if name in ds]])
-    ds = ds.where(ds["status"] == STATUS_OK).drop_vars("status")
+    ds = all_where(ds.drop_vars("status"), ds["status"] == STATUS_OK)
     dims = [str(d) for d in ds["rmse"].dims if ds.sizes[d] > 1 and d not in _UNITS and d in ds.coords]
     plain, only = (ds, "") if ratio is None else (ds.sel({ratio: 0.0}, drop=True), f" with the {pi}")
     found = []

@@ -1,15 +1,16 @@
 """Ready-made days: the paper's kind of day, a constant day, an ASHRAE design day, a heating day."""
 
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fastcoil.base.arguments import checking, choice_of, plain, whole_of
 from fastcoil.base.arrays import Array
 from fastcoil.base.errors import InputError
-from fastcoil.base.machine import available_memory, gib
 from fastcoil.loops.boundary.record import Boundary
+from fastcoil.loops.boundary.samples import LARGE
 from fastcoil.loops.boundary.series import (
     BOUNDARY_SERIES,
     LARGEST_DAY_LABEL,
@@ -80,52 +81,56 @@ def paper_day(hours: float = 8.0, seed: int | Iterable[int] = 1) -> Boundary:
     hours
         Length, a whole number of seconds.  A shorter day is the beginning of a longer one, to the bit.
     seed
-        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.
+        Whole number from 0 to 2**32 - 1 for the noise; several give a dim ``day`` with the seeds as labels.  Very many
+        days are a stream: they are made when they are needed.
     """
-    seeds, h, D, noise = _basis_of(hours, seed, DRIFTS)
+    return _of_seeds(_paper_day, hours, seed)
+
+
+def _paper_day(n_steps: int, seed: int) -> dict[str, Values]:
+    h, D, noise = _basis_of(n_steps, seed, DRIFTS)
     T_a_in = 25.0 + 1.5 * D + noise["T_a_in"]
-    W_a_in = humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"])
-    T_w_in = 7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
-    m_a = 1.15 + 0.18 * D + noise["m_a"]
-    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_a_in, T_w_in=T_w_in, T_set=_stepped_set_point(h.size), day=seeds)
-    return days.isel(0) if isinstance(plain(seed), int) else days
+    return {
+        "m_a": 1.15 + 0.18 * D + noise["m_a"],
+        "T_a_in": T_a_in,
+        "W_a_in": humidity_ratio(T_a_in, 0.56 - 0.05 * D + noise["RH"]),
+        "T_w_in": 7.0 + 0.4 * np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
+        "T_set": _stepped_set_point(n_steps),
+    }
 
 
-def _basis_of(
-    hours: float, seed: int | Iterable[int], drifts: Mapping[str, Drift]
-) -> tuple[list[int], Array, Array, dict[str, Array]]:
-    """What days of seeds have in common: the seeds; hours from the start, and the slow swing D, (n_steps,); the noise.
+def _basis_of(n_steps: int, seed: int, drifts: Mapping[str, Drift]) -> tuple[Array, Array, dict[str, Array]]:
+    """Hours from the start, the slow swing D, and the noise of each signal, (n_steps,) each.
 
-    D is a sine up to hour 8, mirrored every 8 h.  noise: of each signal, (n_days, n_steps); the order of the signals
-    numbers their streams.
+    D is a sine up to hour 8, mirrored every 8 h.  The order of the signals numbers their streams.
     """
+    h = np.arange(n_steps) / 3600
+    noise = {name: smooth_noise(n_steps, drift, (seed, i)) for i, (name, drift) in enumerate(drifts.items())}
+    return h, np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)), noise
+
+
+def _of_seeds(kind: Callable[..., dict[str, Values]], hours: Any, seed: Any, **conditions: Any) -> Boundary:
+    """Days of a kind, of their seeds: a single one without a dim ``day``, very many as a stream."""
     with checking() as check:
         n_steps = check(whole_seconds, hours)
-        seeds = check(_distinct_seeds, seed, n_steps or SET_POINT_HOLD)
-    h = np.arange(n_steps) / 3600
-    noise = {
-        name: np.array([smooth_noise(n_steps, drift, (one, i)) for one in seeds])
-        for i, (name, drift) in enumerate(drifts.items())
-    }
-    return seeds, h, np.asarray(np.sin(np.pi * ((8.0 - np.abs(8.0 - h % 16.0)) - 1.0) / 9.0)), noise
+        seeds = check(_distinct_seeds, seed)
+        conditions = {name: check(condition_of, name, value) for name, value in conditions.items()}
+    make = partial(kind, n_steps, **conditions)
+    if isinstance(plain(seed), int):
+        return Boundary(**make(seeds[0]), day=seeds[0])
+    days = Boundary.from_days(make, day=seeds, hours=n_steps / 3600)
+    return days if len(seeds) * n_steps > LARGE else Boundary.of(days.to_dataset(), by_air=True)
 
 
 def _stepped_set_point(n_steps: int) -> Array:
     return np.array(SET_POINTS)[np.arange(n_steps) // SET_POINT_HOLD % len(SET_POINTS)]
 
 
-def _distinct_seeds(seed: int | Iterable[int], n_steps: int) -> list[int]:
-    """The seeds of days of ``n_steps``: whole numbers, each once, of as many days as fit into memory."""
+def _distinct_seeds(seed: int | Iterable[int]) -> list[int]:
+    """The seeds of days: whole numbers, each once."""
     seed = plain(seed)
     wanted = f"give a whole number from 0 to {LARGEST_DAY_LABEL}, or several distinct ones"
-    # while they are made, days take three times what they take in the end
-    most = available_memory() // (3 * n_steps * 8 * len(BOUNDARY_SERIES))
     given = [seed] if isinstance(seed, int) else several_of("seed", seed, wanted)
-    if len(given) > most:
-        raise InputError(
-            f"seed gives more than {most} days of {n_steps:,} s, for which {gib(available_memory())} suffice: "
-            "give fewer, or shorter days"
-        )
     seeds = [whole_of("seed", one, 0, LARGEST_DAY_LABEL, wanted) for one in given]
     if len(set(seeds)) < max(len(seeds), 1):
         raise InputError(f"seed {'has a number twice' if seeds else 'is empty'}: {wanted}")
@@ -296,13 +301,15 @@ def heating_day(hours: float = 8.0, seed: int | Iterable[int] = 1, *, T_w_in: fl
     T_w_in
         Mean temperature of the entering water [degC].
     """
-    with checking() as check:
-        basis = check(_basis_of, hours, seed, HEATING_DRIFTS)
-        T_w_mean = check(condition_of, "T_w_in", T_w_in)
-    seeds, h, D, noise = basis
-    m_a = 0.9 + 0.2 * D + noise["m_a"]
-    T_a_in = 12.0 + 2.0 * D + noise["T_a_in"]
-    T_water = T_w_mean + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"]
-    T_set = _stepped_set_point(h.size) + WARMER
-    days = Boundary(m_a=m_a, T_a_in=T_a_in, W_a_in=W_IN, T_w_in=T_water, T_set=T_set, day=seeds)
-    return days.isel(0) if isinstance(plain(seed), int) else days
+    return _of_seeds(_heating_day, hours, seed, T_w_in=T_w_in)
+
+
+def _heating_day(n_steps: int, seed: int, T_w_in: float) -> dict[str, Values]:
+    h, D, noise = _basis_of(n_steps, seed, HEATING_DRIFTS)
+    return {
+        "m_a": 0.9 + 0.2 * D + noise["m_a"],
+        "T_a_in": 12.0 + 2.0 * D + noise["T_a_in"],
+        "W_a_in": W_IN,
+        "T_w_in": T_w_in + np.sin(2 * np.pi * h / 1.5) + noise["T_w_in"],
+        "T_set": _stepped_set_point(n_steps) + WARMER,
+    }

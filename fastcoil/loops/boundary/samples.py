@@ -192,8 +192,8 @@ class Samples:
         warn_of_stops(stopped)
         if not small:
             return Survey(extremes, digest_of(self, 2, (one.encode() for one in hashes)), hashes, damp)
-        whole = {name: np.stack([rows[name] for rows in kept]) for name in extremes}
-        named = ((name.encode(), np.ascontiguousarray(whole[name], dtype="<f8").data) for name in hashed(whole))
+        of_kept = ((name, [rows[name] for rows in kept]) for name in hashed(extremes))
+        named = ((name.encode(), np.stack(rows, dtype="<f8").data) for name, rows in of_kept)  # one at a time
         return Survey(extremes, digest_of(self, 1, chain.from_iterable(named)), hashes, damp)
 
     @property
@@ -344,10 +344,7 @@ def digest_of(days: Samples, version: int, parts: Iterable[Any]) -> str:
     return digest.hexdigest()
 
 
-def hashed(series: Mapping[str, Array]) -> list[str]:
-    """The series that count; one of ``ADDED_SERIES`` only where it does something."""
-    return [
-        name
-        for name, values in series.items()
-        if name not in ADDED_SERIES or not (values == BOUNDARY_SERIES[name].default).all()
-    ]
+def hashed(series: Mapping[str, Any]) -> list[str]:
+    """The series, given by their values or ranges, that count; one of ``ADDED_SERIES`` only where it does something."""
+    default = {name: BOUNDARY_SERIES[name].default for name in ADDED_SERIES}
+    return [n for n, values in series.items() if n not in default or np.any(np.asarray(values) != default[n])]

@@ -19,7 +19,7 @@ from fastcoil.base.text import NONE, decimals_of, percent, written
 from fastcoil.loops.labels import Quantity, quantity, quantity_of, quantity_of_values
 from fastcoil.loops.scenarios import check_result
 from fastcoil.model.metric_table import COSTS, METRICS, PREDICTIONS, STATUS_OK, YEARLY, metric_meant
-from fastcoil.study.analysis.selected import listed, own_metrics
+from fastcoil.study.analysis.selected import all_where, listed, own_metrics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -291,7 +291,7 @@ def interval(
     return abs(np.maximum(low, 0.0)), np.minimum(high, 1.0)
 
 
-_RESAMPLES, _AT_ONCE = 1000, 20
+_RESAMPLES, _AT_ONCE, _MANY = 1000, 20, 2**18  # resamples, how many at a time, and of how many values one by one
 _SEED = 20261122  # of the resamples: a summary says the same twice
 _LEVEL = 0.95
 _SPREAD = 0.05, 0.95
@@ -324,8 +324,9 @@ def middle_of(values: xr.DataArray, unit: str = "sample") -> Middle:
     if len(rows) > 1:
         draw, n = np.random.default_rng(_SEED), len(rows)
         median = np.nanmedian if np.isnan(rows).any() else np.median
-        drawn = (rows[draw.integers(n, size=(_AT_ONCE, n))] for _ in range(_RESAMPLES // _AT_ONCE))
-        medians = np.concatenate([median(part.reshape(_AT_ONCE, -1), axis=1) for part in drawn])
+        some = _AT_ONCE if rows.size < _MANY else 1
+        drawn = (rows[draw.integers(n, size=(some, n))] for _ in range(_RESAMPLES // some))
+        medians = np.concatenate([median(part.reshape(some, -1), axis=1) for part in drawn])
         low, high = np.quantile(medians, [0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     q05, q95 = np.nanquantile(rows, _SPREAD)
     return Middle(float(np.nanmedian(rows)), float(low), float(high), float(q05), float(q95))
@@ -358,7 +359,8 @@ def without_off_days(ds: xr.Dataset) -> xr.Dataset:
     if "rmse" not in ds or bool(ds["rmse"].notnull().all()):
         return ds
     on, dims = ds["rmse"].notnull(), set(ds["rmse"].dims)
-    return ds.assign({n: v.where(on) for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims})
+    per_day = [n for n, v in ds.data_vars.items() if n != "status" and set(v.dims) == dims]
+    return ds.assign(all_where(ds[per_day], on).data_vars)
 
 
 def in_shares(attrs: Mapping[str, Any], baseline: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import refuse
+from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import InputError, nearest
 from fastcoil.loops.labels import is_parameter, quantity, quantity_of
 from fastcoil.model.metric_table import METRICS, PREDICTIONS
@@ -29,6 +30,16 @@ def own_metrics(ds: xr.Dataset) -> list[str]:
     known, dims = {"status", *METRICS, *PREDICTIONS}, set(ds["status"].dims)
     own = {str(n): v for n, v in ds.data_vars.items() if n not in known}
     return [name for name, values in own.items() if set(values.dims) == dims and values.dtype.kind in "iuf"]
+
+
+def all_where(ds: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
+    """``ds.where(mask)``, a mask of the dims of all variables or fewer; many numbers are put into nameless files."""
+    found = {}
+    for name, values in ds.data_vars.items():
+        room = on_disk(values.shape, np.nan, np.result_type(values.dtype, np.float32))
+        np.copyto(room, values.values, where=mask.broadcast_like(values).transpose(*values.dims).values)
+        found[name] = values.copy(deep=False, data=room)
+    return ds.assign(found)
 
 
 def is_label(label: object, text: str) -> bool:

@@ -14,7 +14,7 @@ from fastcoil.model.parameter_table import CHANCE_DIMS, PARAMETERS
 from fastcoil.study.analysis.compare import change_of, middle_of, without_off_days
 from fastcoil.study.analysis.cost import MONTH, Tariff, costs_of
 from fastcoil.study.analysis.precision import precision_of
-from fastcoil.study.analysis.selected import numeric_dims
+from fastcoil.study.analysis.selected import all_where, numeric_dims
 
 _COUNTED = ("rmse", "hunts", "hunting_swing", "motor_travel", "switch_frequency")
 PLANT = ("coil", "valve", "actuator", "sensor")  # groups of parameters that a controller cannot choose
@@ -55,11 +55,11 @@ def cautions(ds: xr.Dataset) -> list[str]:
         )
     # earlier versions have no such metrics
     for name, what in (("frost_time", "Frost forms on the coil"), ("freeze_time", "Water freezes in the coil")):
-        hours = ds[name].values / 3600.0 if name in ds else np.zeros(1)
-        if (hours > 0.0).any():
+        seconds = ds[name].values if name in ds else np.zeros(1)
+        if n := int((seconds > 0.0).sum()):
+            longest = np.nanmax(seconds) / 3600.0
             lines.append(
-                f"{what} in {int((hours > 0.0).sum()):,} of {size} scenario-days, for up to {np.nanmax(hours):.1f} h; "
-                "it is reported, not simulated."
+                f"{what} in {n:,} of {size} scenario-days, for up to {longest:.1f} h; it is reported, not simulated."
             )
     return lines
 
@@ -101,9 +101,9 @@ def comparable(ds: xr.Dataset) -> xr.Dataset:
     Where every loop has a dead band, all of them count.
     """
     if "backlash" in ds.coords and not bool((ds["backlash"] > 0.0).all()):
-        ds = ds.where(ds["backlash"] > 0.0)
+        ds = all_where(ds, ds["backlash"] > 0.0)
     band = ds.coords.get("error_dead_band")
-    return ds if band is None or not bool((band == 0.0).any()) else ds.where(band == 0.0)
+    return ds if band is None or not bool((band == 0.0).any()) else all_where(ds, band == 0.0)
 
 
 def recommended(ds: xr.Dataset, ratio: str) -> float:

@@ -34,6 +34,7 @@ LARGEST_SAMPLE = 10_000_000
 _SMALLEST_SHARE = 2.0**-32
 """A coordinate of the unit cube may be 0 or round to it; half a cell of the Sobol lattice is the least one used."""
 _LARGEST_SHARE = 1.0 - 2.0**-53
+_AT_ONCE = 2**17  # values
 
 _ENDS = ("lowest", "highest")
 DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -104,11 +105,12 @@ def sample_values(
     method, both = table["method"], table["method"] == SALTELLI
     dims = len(names) * (2 if both else 1)
     designs = [_points(method, table["size"], dims, table.get("seed", 0), k) for k in range(batches)]
-    points = _correlated(np.concatenate(designs), names, table.get("correlation", []))
-    of_A = {name: of[name](points[:, k]) for k, name in enumerate(names)}
+    points = designs[0] if batches == 1 else np.concatenate(designs)
+    points = _correlated(points, names, table.get("correlation", []))
+    of_A = {name: _values(of[name], points[:, k]) for k, name in enumerate(names)}
     if not both:
         return {name: xr.DataArray(values, dims=SAMPLE_DIM) for name, values in of_A.items()}
-    of_B = {name: of[name](points[:, len(names) + k]) for k, name in enumerate(names)}
+    of_B = {name: _values(of[name], points[:, len(names) + k]) for k, name in enumerate(names)}
     labels = ["A", "B", *names]
     found = {}
     for name in names:
@@ -117,6 +119,11 @@ def sample_values(
             np.stack(columns, axis=-1), dims=(SAMPLE_DIM, DESIGN_DIM), coords={DESIGN_DIM: labels}
         )
     return found
+
+
+def _values(quantiles: Quantiles, shares: Array) -> Array:
+    """The quantiles at many shares, some at a time: scipy takes ten times the memory of what it returns."""
+    return np.concatenate([quantiles(shares[k : k + _AT_ONCE]) for k in range(0, shares.size, _AT_ONCE)])
 
 
 def design_size(table: Mapping[str, Any]) -> int:

@@ -49,8 +49,6 @@ BOUNDARY_KINDS: dict[str, Callable[..., Boundary]] = {
     "weather": weather_day,
     "weather_year": weather_year,
 }
-_BYTES_PER_SCENARIO = 3 * 8 * (len(METRICS) + 1)
-"""Metrics and status: the result, its image on the way to disk, a copy while it is put together."""
 
 
 def build_boundary(table: Mapping[str, Any], folder: Path) -> Boundary:
@@ -73,11 +71,11 @@ def wrong_arguments(what: str, given: Mapping[str, Any], takes: Mapping[str, ins
 
 
 def require_room(file: StudyFile, loop: Loop) -> None:
-    """Refuse more scenarios than this machine can hold the metrics of, before their days are made."""
+    """Refuse more scenarios than the memory suffices for, before their days are made."""
     days = next((file.boundary[key] for key in ("seed", "days") if isinstance(file.boundary.get(key), list)), [0])
     replicates = min(max(1, file.run.replicates), 2**32)  # others are refused later
     n_scenarios = math.prod(loop.sizes.values()) * max(1, len(days)) * replicates
-    check_memory(n_scenarios * _BYTES_PER_SCENARIO, n_scenarios)
+    check_memory(3 * 8 * n_scenarios, n_scenarios)  # an index, and two copies of a metric: the others are on the disk
 
 
 def billing_of(table: Mapping[str, Any], layout: Layout | None) -> Billing:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import IntegrityError
 from fastcoil.base.files import storage_errors
-from fastcoil.base.machine import reserve
 from fastcoil.design.prediction import predictions
 from fastcoil.loops.netcdf import Slabs, append_slabs, layout_of, slabs_of, write
 from fastcoil.loops.provenance import VariableHash, combined_sha256, variable_sha256
@@ -31,7 +31,6 @@ from fastcoil.study.folder.stored import Manifest
 Parts = Callable[[Collection[str]], Iterable[xr.Dataset]]
 """Reads the flat parts of the study without the named variables, afresh at every call: they need not fit in memory
 together."""
-_LARGE = 2**24  # bytes
 
 
 def merge(folder: StudyFolder, study: Study, manifest: Manifest, parts: Parts, attrs: dict[str, Any]) -> xr.Dataset:
@@ -55,7 +54,7 @@ def merge(folder: StudyFolder, study: Study, manifest: Manifest, parts: Parts, a
 
     untraced = (part.drop_vars(_trace_coordinates(part)) for part in counted(TRACES))
     with storage_errors(folder.results, "written"):
-        whole = join_flat(plan.n_scenarios, untraced, allocate=_allocator(folder.path))
+        whole = join_flat(plan.n_scenarios, untraced, allocate=partial(on_disk, folder=folder.path))
     ds = unflatten(whole, plan.layout)
     ds = ds[[n for n in dict.fromkeys((*METRICS, "status", *ds.data_vars)) if n in ds]]
     predicted = predictions(plan) if study.predict else xr.Dataset()
@@ -161,20 +160,3 @@ def in_flat_order(parts: Iterable[xr.Dataset], name: str, edges: np.ndarray, fol
 
 def _trace_coordinates(ds: xr.Dataset) -> list[str]:
     return [n for n in ("elapsed_time", "time", "volume") if n in ds.coords]
-
-
-def _allocator(folder: Path) -> Callable[[tuple[int, ...], Any, np.dtype[Any]], np.ndarray]:
-    """Makes arrays; large ones are in nameless files, so that a study may be larger than the memory."""
-
-    def allocate(shape: tuple[int, ...], value: Any, dtype: np.dtype[Any]) -> np.ndarray:
-        size = dtype.itemsize * int(np.prod(shape))
-        if size < _LARGE:
-            return np.full(shape, value, dtype)
-        with tempfile.TemporaryFile(dir=folder) as file:
-            reserve(file.fileno(), size)  # on a full disk, a later write to the array would kill the process
-            array: np.ndarray = np.memmap(file, dtype, "r+", shape=shape)
-        if value != 0:
-            array[:] = value
-        return array
-
-    return allocate

@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from fastcoil.base.arguments import path_of
+from fastcoil.base.arrays import on_disk
 from fastcoil.base.errors import FastcoilError, InputError, IntegrityError, StorageError
 from fastcoil.base.figures import stale_figures
 from fastcoil.base.files import exists, is_file, is_folder
@@ -34,7 +35,7 @@ from fastcoil.study.folder.folder import StudyFolder, require_no_archive
 from fastcoil.study.folder.stored import MANIFEST, RESULTS, Manifest, Shards, find_problems
 
 _CURE = "give the folder of a study, its results.nc, or a result saved with ds.to_netcdf()"
-_KEYS_AT_ONCE, _AT_ONCE = 10_000, 2**23  # scenarios; values read of earlier results
+_KEYS_AT_ONCE, _AT_ONCE = 10_000, 2**22  # scenarios; values read of earlier results
 _MUST_AGREE = {
     "seed": "[run] seed",
     "warm_up_s": "[run] warm_up",
@@ -76,11 +77,11 @@ def open_study(folder: str | Path) -> xr.Dataset:
     return store.settled(lambda: _open(store))
 
 
-def open_metrics(folder: Path) -> xr.Dataset:
+def open_metrics(folder: Path, leave_out: Collection[str] = TRACES) -> xr.Dataset:
     """Open the results of a study without traces, which of an unfinished one would be loaded; raises as it does."""
     store = StudyFolder(folder)
-    ds = store.settled(lambda: _open(store, TRACES))
-    return ds.drop_vars(TRACES, errors="ignore")
+    ds = store.settled(lambda: _open(store, leave_out))
+    return ds.drop_vars(leave_out, errors="ignore")
 
 
 def open_finished(folder: Path) -> xr.Dataset:
@@ -134,7 +135,7 @@ def _open(store: StudyFolder, leave_out: Collection[str] = ()) -> xr.Dataset:
         )
         leave_out = TRACES
     parts = Computed.find(store, study, manifest).parts(leave_out, quarantine=False)
-    ds = unflatten(join_flat(study.plan.n_scenarios, parts), study.plan.layout)
+    ds = unflatten(join_flat(study.plan.n_scenarios, parts, allocate=on_disk), study.plan.layout)
     if not ds.data_vars:
         raise InputError(f"{store.path} has no finished scenario yet: wait, or run the study")
     ds.attrs = study_attributes(study, manifest) | {"computed_on": json.dumps(list(manifest.computed_on))}
@@ -208,9 +209,16 @@ def match_scenarios(plan: Plan, attrs: dict[str, Any], earlier: xr.Dataset) -> t
         )
     sizes = {str(d): n for d, n in earlier["status"].sizes.items()}
     smaller = Loop.from_dataset(earlier, [loop.rules[name] for name in before])
-    old = _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before)
-    new = {key: k for k, key in enumerate(_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now))}
-    place = np.array([new.get(key, -1) for key in old])
+    found = [*_keys(loop, plan.layout.sizes, json.loads(attrs["day_sha256"]), now)]
+    new = np.concatenate(found, out=on_disk((plan.n_scenarios,), 0, found[0].dtype))
+    del found
+    order = np.argsort(new, kind="stable")
+    new = np.take(new, order, out=on_disk(new.shape, 0, new.dtype), mode="clip")
+    places = []
+    for keys in _keys(smaller, sizes, json.loads(earlier.attrs["day_sha256"]), before):
+        at = np.searchsorted(new, keys, side="right") - 1  # of equal scenarios the last one
+        places.append(np.where(new[at] == keys, order[at], -1))
+    place = np.concatenate(places)
     dropped = int((place < 0).sum())
     if dropped:
         days = "add days at the end alone, for each goes on from those before it" if plan.carry_over else ""
@@ -228,19 +236,19 @@ def _rules(attrs: dict[Any, Any]) -> dict[str, str]:
     return {name: rule.get("sha256", "") for name, rule in json.loads(attrs.get("rules", "{}")).items()}
 
 
-def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> list[bytes]:
-    """One hash per scenario, over everything its result depends on."""
+def _keys(loop: Loop, sizes: dict[str, int], days: list[str], rules: dict[str, str]) -> Iterator[np.ndarray]:
+    """A hash of 16 bytes for each scenario, over everything its result depends on, some scenarios at a time."""
     read = {name: rule.own for name, rule in loop.rules.items()}
     n = int(np.prod(list(sizes.values()), dtype=np.int64))
-    keys = []
     for start in range(0, n, _KEYS_AT_ONCE):
+        keys = []
         columns = columns_of(loop, sizes, np.arange(start, min(start + _KEYS_AT_ONCE, n)))
         rows = np.ascontiguousarray(parameter_matrix(columns).T)
         for k, (row, day) in enumerate(zip(rows, columns["day"], strict=True)):
             words = [str(columns[kind][k]) for kind in KINDS]
             own = [f"{w} {rules[w]} {[(n, float(columns[n][k])) for n in read[w]]}" for w in words if w in rules]
             keys.append(hashlib.blake2b(row.tobytes() + "".join([days[day], *own]).encode(), digest_size=16).digest())
-    return keys
+        yield np.array(keys, dtype="S16")
 
 
 @dataclass(frozen=True)
@@ -304,7 +312,9 @@ class Computed:
         """The matched scenarios as flat parts; predictions are computed again for the whole study."""
         dims, shape = earlier["status"].dims, earlier["status"].shape
         kept = earlier[[n for n in earlier.data_vars if n not in leave_out and n not in PREDICTIONS]]
-        of_scenario = max(1, *(v.size // earlier["status"].size for v in kept.data_vars.values()))
+        for name in kept.data_vars.keys() - {*TRACES}:  # each once, and not for every piece
+            kept[name].load()
+        of_scenario = max(1, sum(v.size for v in kept.data_vars.values()) // earlier["status"].size)
         end = 0
         for piece in pieces_of(shape, max(1, _AT_ONCE // of_scenario)):
             block = kept.isel(dict(zip(dims, piece, strict=True)))

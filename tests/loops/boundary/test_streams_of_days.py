@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers.refusals import assert_only_problem, only_problem, problems
 
-from fastcoil.loops.boundary import Boundary
+from fastcoil.loops.boundary import Boundary, days
+from fastcoil.loops.boundary.days import heating_day, paper_day
 from fastcoil.loops.boundary.series import BOUNDARY_SERIES
 
 N = 900
@@ -122,3 +123,14 @@ def test_bad_arguments_of_from_days():
     )
     message = only_problem(Boundary.from_days, lambda label: 1 / 0, day=[1], hours=N / 3600)
     assert "make fails for day 1, ZeroDivisionError" in message
+
+
+@pytest.mark.parametrize("kind", [paper_day, heating_day])
+def test_many_days_of_seeds_are_a_stream_of_the_same_days(kind, monkeypatch):
+    held = kind(hours=0.05, seed=[4, 1, 7])
+    monkeypatch.setattr(days, "LARGE", 3 * held.n_steps - 1)
+    stream = kind(hours=0.05, seed=[4, 1, 7])
+    assert (held.is_streamed, stream.is_streamed) == (False, True)
+    assert stream == held
+    assert stream.day_sha256 == held.day_sha256
+    assert stream.isel(1).sha256 == kind(hours=0.05, seed=1).sha256

@@ -9,8 +9,11 @@ from helpers.results import result
 from scipy import stats
 
 import fastcoil as fc
+from fastcoil.base import arrays
 from fastcoil.model.metric_table import STATUS_NON_FINITE
+from fastcoil.study.analysis import compare
 from fastcoil.study.analysis.compare import STATISTICS
+from fastcoil.study.analysis.selected import all_where
 
 
 def against_0(ds, **options):
@@ -309,3 +312,28 @@ def test_the_numbers_are_those_of_the_dataset_to_the_digits_shown(ratios):
     assert numbers(row["lower by 5 % in (90 %)"]) == [round(100 * share) for share in below]
     assert numbers(row["baseline"]) == pytest.approx(at(of, "baseline"), rel=5e-3)
     assert row["pairs"] == "72"
+
+
+# Many values
+
+
+@pytest.mark.parametrize("n", [33, 64])  # an odd number leaves half a random number over
+@pytest.mark.parametrize("missing", [False, True])
+def test_resamples_are_the_same_drawn_one_by_one(n, missing, monkeypatch):
+    values = xr.DataArray(np.random.default_rng(3).normal(size=(n, 2)), dims=("sample", "kp"))
+    values = values.where(values > -1.0) if missing else values
+    expected = compare.middle_of(values)
+    monkeypatch.setattr(compare, "_MANY", 0)
+    assert compare.middle_of(values) == expected
+    assert expected.low < expected.median < expected.high
+
+
+@pytest.mark.parametrize("large", [0, 2**20])
+def test_masked_results_are_those_of_xarray_with_their_labels_and_attributes(large, monkeypatch):
+    monkeypatch.setattr(arrays, "LARGE", large)
+    rng = np.random.default_rng(4)
+    ds = result(("kp", "day"), rmse=rng.normal(size=(3, 5)), hunts=rng.integers(0, 2, (3, 5)))
+    ds = ds.assign(own=ds["rmse"].T.assign_attrs(units="K")).assign_attrs(title="t")
+    for mask in (ds["rmse"] > 0.0, ds["kp"] > 0):
+        found, expected = (each.transpose("kp", "day") for each in (all_where(ds, mask), ds.where(mask)))
+        xr.testing.assert_identical(found, expected)

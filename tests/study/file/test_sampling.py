@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import fastcoil as fc
+from fastcoil.study.file import sample
 from fastcoil.study.file.sample import DISTRIBUTIONS, METHODS, sample_values
 
 SIZE = 4096
@@ -53,6 +54,20 @@ def test_a_design_is_the_beginning_of_one_twice_as_large(method):
     for name in UNIFORM:
         np.testing.assert_array_equal(small[name], large[name][:64])
         assert len(set(large[name])) == 128
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_values_are_the_same_however_many_are_drawn_at_a_time(method, monkeypatch):
+    shapes = {
+        "backlash": {"uniform": [0.02, 0.15]},
+        "kp": {"lognormal": [0.02, 0.4]},
+        "ti": {"truncnorm": [10.0, 3.0, 5.0, 30.0]},
+        "estimate_ratio": {"choice": [0.0, 0.5, 0.9]},
+    }
+    whole = draw(method, 64, **shapes)
+    monkeypatch.setattr(sample, "_AT_ONCE", 7)
+    for name, values in draw(method, 64, **shapes).items():
+        np.testing.assert_array_equal(values, whole[name])
 
 
 @pytest.mark.parametrize("method", METHODS)

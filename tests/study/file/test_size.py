@@ -5,6 +5,7 @@ import time
 import pytest
 from helpers.refusals import only_problem, problems
 
+from fastcoil.loops import plan
 from fastcoil.study.file.spec import read_study
 from fastcoil.study.file.tables import parse_toml
 
@@ -66,8 +67,9 @@ DAY = "[boundary]\nhours = 1\n"
 
 
 @pytest.fixture
-def refused(tmp_path):
+def refused(tmp_path, monkeypatch):
     """Return a function that gives the sentences with which a study is refused, in seconds and not minutes."""
+    monkeypatch.setattr(plan, "available_memory", lambda: 8 * 2**30)
 
     def refuse(text):
         (tmp_path / "s.toml").write_text(text)

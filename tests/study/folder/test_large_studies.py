@@ -1,5 +1,6 @@
 """Studies larger than the memory: merged, hashed, opened and summarised piece by piece, with the same results."""
 
+import mmap
 import tracemalloc
 import warnings
 
@@ -7,15 +8,29 @@ import numpy as np
 import pytest
 from helpers.commands import fastcoil
 from helpers.processes import cut
-from helpers.studies import TRACED, copied, golden, larger, resume, run, run_until_interrupted, shards, verify
+from helpers.studies import (
+    PLAIN,
+    TRACED,
+    copied,
+    golden,
+    larger,
+    resume,
+    run,
+    run_until_interrupted,
+    shards,
+    verify,
+    write_study,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fastcoil as fc
+from fastcoil.base import arrays
 from fastcoil.base.errors import StorageError
 from fastcoil.loops import netcdf
 from fastcoil.loops.provenance import variable_sha256
 from fastcoil.loops.scenarios import flat_dataset, join_flat
+from fastcoil.loops.simulate import estimate
 from fastcoil.model.metric_table import METRICS
 from fastcoil.study import run as runner
 from fastcoil.study.analysis.summary import summary
@@ -26,6 +41,19 @@ pytestmark = pytest.mark.kernel
 
 VOLUMES = TRACED.replace('["T_sup", "mode"]', '["mode", "T_c", "T_sup"]')
 SEQUENCE = TRACED + "carry_over = true\n"
+
+
+def is_on_disk(values):
+    """Whether an array is in a file, and takes no memory of its own."""
+    while isinstance(values.base, np.ndarray):
+        values = values.base
+    return isinstance(values.base, mmap.mmap)
+
+
+def only_status(part):
+    """A part, which has nothing else."""
+    assert [*part.data_vars] == ["status"]
+    return part
 
 
 @pytest.fixture
@@ -126,6 +154,48 @@ def test_the_memory_of_a_merge_does_not_grow_with_the_study(tmp_path, monkeypatc
     assert peaks[2] - peaks[1] < 0.4 * (sizes[2] - sizes[1]), (peaks, sizes)
 
 
+def test_an_extension_reads_earlier_results_some_scenarios_at_a_time(out, monkeypatch):
+    copied(PLAIN, out)
+    original, sizes = results.Computed._earlier_parts, []
+
+    def counted(*words):
+        for part in original(*words):
+            sizes.append(part.sizes["scenario"])
+            yield part
+
+    monkeypatch.setattr(results, "_AT_ONCE", 2 * (len(METRICS) + 1))  # values of two scenarios
+    monkeypatch.setattr(results, "_KEYS_AT_ONCE", 5)
+    monkeypatch.setattr(results.Computed, "_earlier_parts", counted)
+    assert run(larger(PLAIN), out, extend=True) == golden(larger(PLAIN))
+    assert sizes == [2] * 6
+
+
+def test_a_run_keeps_no_shard_for_a_comparison_with_later_ones(out, monkeypatch):
+    cut(monkeypatch, 2)
+    original, firsts = runner.check_same_form, []
+
+    def compare(first, part):
+        firsts.append(first)
+        return original(first, part)
+
+    monkeypatch.setattr(runner, "check_same_form", compare)
+    assert run(TRACED, out) == golden(TRACED)
+    kept = [first.sizes["scenario"] for first in firsts if first is not None]
+    assert kept == [1] * len(kept) != []
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_what_is_left_on_the_disk_is_foreseen(out, noise):
+    text = TRACED.replace("[sweep]\nbacklash = [0.02, 0.07]", "[sweep]\nbacklash = { linspace = [0.0, 0.1, 70] }")
+    text = text.replace("interval = 50", "interval = 1").replace("std = 0.02", f"std = {noise}")
+    plan = write_study(text, out).plan
+    run(text, out)
+    _, metrics, traces = estimate(plan, 1)
+    _, foreseen = plan.disk_bytes(metrics_left=metrics, traces_left=traces)
+    assert foreseen == pytest.approx(sum(path.stat().st_size for path in out.glob("*.nc")), rel=0.2)
+    assert traces < 0.7
+
+
 # --- opened -----------------------------------------------------------------------------------------------------------
 
 
@@ -172,7 +242,10 @@ def test_an_unfinished_study_is_opened_without_traces_that_do_not_fit(out, monke
     with pytest.warns(UserWarning, match="unfinished, and its traces, .* KiB, do not fit into memory: they are left"):
         ds = fc.open_study(out)
     assert "T_sup" not in ds
+    monkeypatch.setattr(arrays, "LARGE", 0)
+    assert is_on_disk(results.open_metrics(out)["rmse"].values)
     assert int((ds["status"] == 0).sum()) == 8
+    monkeypatch.setattr(results, "join_flat", lambda n, parts, **_: join_flat(n, (only_status(p) for p in parts)))
     assert "Unfinished: 8 of 12 scenarios (8 ok, 4 not_run)" in status(out)
 
 
@@ -181,10 +254,12 @@ def test_metrics_that_stay_on_the_disk_are_the_same(out, monkeypatch):
     copied(text, out)
     eager = fc.open_study(out).load()
     monkeypatch.setattr(stored, "_MOST_METRICS", 0)
+    monkeypatch.setattr(arrays, "LARGE", 0)
     lazy = fc.open_study(out)
     assert not isinstance(lazy["rmse"].variable._data, np.ndarray)
     assert [*lazy.data_vars] == [*eager.data_vars]
     assert lazy.load().identical(eager)
+    assert is_on_disk(lazy["rmse"].values)
     assert verify(out) == []
     assert run(text, out) == golden(text)
     assert run(larger(text), out, extend=True) == golden(larger(text))

@@ -9,9 +9,9 @@ import xarray as xr
 from helpers.studies import DAYS, PLAIN, TRACED, copied, golden, larger, resume, run, shards, unfinished
 
 import fastcoil as fc
+from fastcoil.base import arrays
 from fastcoil.base.errors import IntegrityError, StorageError
 from fastcoil.study import run as runner
-from fastcoil.study.folder import merged
 
 pytestmark = pytest.mark.kernel
 
@@ -50,7 +50,7 @@ def test_a_reader_of_results_keeps_its_metrics_while_an_extension_replaces_them(
 
 @pytest.mark.parametrize("text", [pytest.param(PLAIN, marks=pytest.mark.full), TRACED], ids=["plain", "traced"])
 def test_a_study_merged_on_the_disk_is_the_one_merged_in_memory(out, text, monkeypatch):
-    monkeypatch.setattr(merged, "_LARGE", 0)
+    monkeypatch.setattr(arrays, "LARGE", 0)
     before = set(os.listdir("/proc/self/fd"))
     assert run(text, out) == golden(text)
     # nameless files are gone with their arrays; the traces stay open with the results
@@ -67,7 +67,7 @@ def test_room_for_the_merge_is_taken_before_it_is_used(out, text, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
-        patched.setattr(merged, "_LARGE", 0)
+        patched.setattr(arrays, "LARGE", 0)
         patched.setattr(os, "posix_fallocate", full)
         with pytest.raises(StorageError, match="No space left on device"):
             run(text, out)
