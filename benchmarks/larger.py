@@ -1,8 +1,9 @@
 """Results larger than the memory: what each command takes on a study with traces.
 
 ``python benchmarks/larger.py [GIB [FOLDER]]``: of 10 GiB of traces by default, in a folder that is deleted afterwards;
-this takes twice that room.  A row for each command, a process with one thread: its highest private memory, which no
-other process shares and no file holds, and its time.  Linux only.
+this takes twice that room.  ``python benchmarks/larger.py scenarios [N [FOLDER]]``: N scenarios of 360 s without
+traces, ten million by default.  A row for each command, a process with one thread: its highest private memory, which
+no other process shares and no file holds, and its time.  Linux only.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+from fastcoil.base.machine import private_memory
 
 FASTCOIL = [sys.executable, "-m", "fastcoil"]
 SECONDS, TRACES = 3600, ("T_sup", "u")
@@ -43,25 +46,16 @@ print(float(trace.max("elapsed_time").mean()))
 """
 
 
-def private_memory(pid: int) -> int:
-    """Private memory of a process, KiB."""
-    try:
-        lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return 0
-    return next((int(line.split()[1]) for line in lines if line.startswith("RssAnon:")), 0)
-
-
 def measure(what: str, words: list[str]) -> None:
     """Run a command and print what it took."""
     start, peak = time.perf_counter(), 0
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while process.poll() is None:
-        peak = max(peak, private_memory(process.pid))
+        peak = max(peak, private_memory(str(process.pid)))
         time.sleep(0.01)
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, words)
-    sys.stdout.write(f"| {what} | {peak / 1024:,.0f} | {time.perf_counter() - start:,.0f} |\n")
+    sys.stdout.write(f"| {what} | {peak / 2**20:,.0f} | {time.perf_counter() - start:,.0f} |\n")
     sys.stdout.flush()
 
 
@@ -89,5 +83,18 @@ def main(gib: float = 10.0, folder: str | None = None) -> None:
         sys.stdout.write(f"\n{size:,} loops, {gib:g} GiB of traces, {bytes_left / 2**30:.1f} GiB on the disk\n")
 
 
+def without_traces(size: float = 1e7, folder: str | None = None) -> None:
+    """Print the forecast of ``fastcoil plan``, then what a run and its report take."""
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        file, out = Path(name, "study.toml"), str(Path(name, "out"))
+        text = STUDY.format(title="many", size=round(size)).replace(f"hours = {SECONDS / 3600:g}", "hours = 0.1")
+        file.write_text(f"{text.split('[run]')[0]}[run]\nwarm_up = 0\n", encoding="utf-8")
+        subprocess.run([*FASTCOIL, "plan", str(file), "-j", "1"], check=True)
+        sys.stdout.write("\n| | private memory, MiB | s |\n|---|---:|---:|\n")
+        measure("`run`", [*FASTCOIL, "run", str(file), "-o", out, "-j", "1"])
+        measure("`report`", [*FASTCOIL, "report", out])
+
+
 if __name__ == "__main__":
-    main(*(float(word) if k == 0 else word for k, word in enumerate(sys.argv[1:])))
+    which, words = (without_traces, sys.argv[2:]) if sys.argv[1:2] == ["scenarios"] else (main, sys.argv[1:])
+    which(*(float(word) if k == 0 else word for k, word in enumerate(words)))

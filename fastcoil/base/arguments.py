@@ -120,10 +120,11 @@ def flag_of(name: str, value: object) -> bool:
 def choice_of(name: str, value: object, choices: Collection[str]) -> str:
     """One of ``choices``."""
     word = plain(value)
+    cure = f"choose {_alternatives(choices)}" if choices else "leave it out, there is none to choose"
     if not isinstance(word, str):
-        raise InputError(WrongType(f"{name} = {shown(value)}: choose {_alternatives(choices)}"))
+        raise InputError(WrongType(f"{name} = {shown(value)}: {cure}"))
     if word not in choices:
-        raise InputError(f"{name} = {shown(word)}{nearest(word, choices)}: choose {_alternatives(choices)}")
+        raise InputError(f"{name} = {shown(word)}{nearest(word, choices)}: {cure}")
     return word
 
 
@@ -221,5 +222,5 @@ def level_of(level: object) -> float:
 
 
 def _alternatives(choices: Iterable[str]) -> str:
-    *others, last = [*map(repr, choices)] or ["nothing, there is none"]
+    *others, last = map(repr, choices)
     return f"{', '.join(others)} or {last}" if others else last

@@ -125,9 +125,9 @@ def available_memory() -> int:
     return min([_of_machine(), *_of_groups(), *_of_process()])
 
 
-def private_memory() -> int:
-    """Bytes of memory that this process has for itself; where the system does not say it, those of the libraries."""
-    return _fields(PROC / "self" / "status").get("RssAnon:", 150 * 1024) * 1024
+def private_memory(process: str = "self") -> int:
+    """Bytes of memory that a process has for itself; 0 where the system does not say it."""
+    return _fields(PROC / process / "status").get("RssAnon:", 0) * 1024
 
 
 def gib(n_bytes: float) -> str:

@@ -105,6 +105,9 @@ def run(
         sys.exit(EXIT_FAILED_SCENARIOS)
 
 
+_OF_LIBRARIES = 150 * 2**20  # bytes of memory, where the system does not say what this process has
+
+
 @click.command()
 @click.argument("study", type=PATH)
 @click.option("-j", "--jobs", type=int, help="Workers; all cores by default.")
@@ -127,7 +130,7 @@ def plan(study: Path, jobs: int | None) -> None:
     announce_compilation()
     compile_kernel()
     alone, each = planned.memory_of_run(n_jobs, "threads", traces_kept=traces_kept)
-    memory = private_memory() + alone + n_jobs * each
+    memory = (private_memory() or _OF_LIBRARIES) + alone + n_jobs * each
     seconds, metrics_left, traces_left = estimate(planned, n_jobs)
     room = planned.disk_bytes(traces_kept=traces_kept, metrics_left=metrics_left, traces_left=traces_left)
     sizes = sizes_in_words(planned.layout.sizes) or "a single scenario"

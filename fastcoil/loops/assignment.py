@@ -99,7 +99,7 @@ def _checked_array(parameter: Parameter, array: xr.DataArray) -> xr.DataArray:
 def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
     """Refuse names of dims that are taken or unusable, labels that no file can hold, and labels in another unit."""
     if not isinstance(dim, str) or not dim.isidentifier() or dim in FORBIDDEN_DIMS:
-        cure = "it is taken, or not of letters, digits and _, choose another"
+        cure = "it is taken, choose another" if dim in FORBIDDEN_DIMS else "use letters, digits and _"
         raise InputError(f"{name}: {shown(dim)} cannot be the name of a swept dimension: {cure}")
     if dim in PARAMETERS and dim == name and array.ndim > 1:
         raise InputError(f"{name}: its own name can only be the dimension of a plain list of its values")
@@ -112,7 +112,8 @@ def _check_dim(name: str, dim: Hashable, array: xr.DataArray) -> None:
     if dim in PARAMETERS and labels.dtype.kind in "iuf":
         ours = in_our_unit(dim, labels, units_of(PARAMETERS[dim].unit))
     if not np.array_equal(ours, array.values if dim == name else labels.values):
-        raise InputError(f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values: give none")
+        text = f"{name}: the labels along {dim}, {shown(ours.tolist())}, are not its values"
+        raise InputError(f"{text}: give them in our unit, or none")
 
 
 NO_RULES: Mapping[str, Rule] = {}

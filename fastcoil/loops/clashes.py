@@ -107,7 +107,7 @@ def _size_clashes(loop: Loop, least_scale: float) -> Iterator[str]:
     if "learner" in used and (learns & (step == 0.0)).any():
         yield "estimator = 'learner' with learning_step = 0: give the step by which it changes its estimate"
     if (error_ratio > 0.0).any() and ((error_ratio > 0.0) & (reference == 0.0)).any():
-        yield "learning_error_ratio without learning_reference: give the number of intervals whose mean it is"
+        yield "learning_error_ratio without learning_reference: give the number of intervals of which it is the mean"
     jump, backlash = _values(loop, "slip_jump", "backlash")
     least = min(least_scale, 1.0)
     if (jump > 0.0).any() and (excess := float((jump - least * backlash).where(jump > 0.0, 0.0).max())) > 0.0:
@@ -148,10 +148,13 @@ def _buffer_clashes(loop: Loop) -> list[str]:
     if not (ratio > 0.0).any() and not (swing > 0.0).any():
         return []
     measures, gain = word == "measured", loop["plant_gain"]
+    problems = []
     if (measures & (ratio > 0.0) & (swing == 0.0)).any():  # a loop that rings looks like noise
-        return ["buffer_noise = 'measured' without buffer_swing: give buffer_swing and plant_gain, which limit it"]
+        problems = ["buffer_noise = 'measured' without buffer_swing: give buffer_swing and plant_gain, which limit it"]
     if gain is None and (swing > 0.0).any():
-        return ["buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer"]
+        problems.append("buffer_swing without plant_gain: give plant_gain, by which the swing limits the buffer")
+    if problems:
+        return problems
     # measured noise has no upper bound: the swing alone limits the buffer
     buffer = (ratio * abs(kp) * noise.where(~measures, np.inf)).where(ratio > 0.0, 0.0)
     if gain is not None:

@@ -38,8 +38,8 @@ def check_memory(needed: int, n_scenarios: int) -> None:
     """Refuse results of ``needed`` bytes that do not fit into memory."""
     available = available_memory()
     if needed > available:
-        few = f"{gib(available)} are available"
-        raise InputError(f"{n_scenarios:,} scenarios need {gib(needed)} of memory, {few}: {_CURE}")
+        sizes = f"{gib(needed)} of memory, {gib(available)} are available"
+        raise InputError(f"{n_scenarios:,} scenarios need {sizes}: {_CURE}")
 
 
 def check_workers(alone: int, each: int, n_jobs: int) -> None:
@@ -47,8 +47,8 @@ def check_workers(alone: int, each: int, n_jobs: int) -> None:
     available = available_memory()
     if alone + n_jobs * each > available:
         fit = (available - alone) // each
-        cure = f"{gib(available)} are available: " + (f"use -j {fit}" if fit >= 1 else _CURE)
-        raise InputError(f"{n_jobs} workers need {gib(alone + n_jobs * each)} of memory, {cure}")
+        sizes = f"{gib(alone + n_jobs * each)} of memory, {gib(available)} are available"
+        raise InputError(f"{n_jobs} workers need {sizes}: {f'use -j {fit}' if fit >= 1 else _CURE}")
 
 
 def check_disk(needed: int, folder: Path) -> None:

@@ -80,3 +80,26 @@ def test_two_interruptions_at_once_are_one(tmp_path, monkeypatch):
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
     assert not said
+
+
+LINGERS = """
+import threading, time
+from fastcoil import __main__ as entry
+def linger():
+    time.sleep(0.2)
+    print("at its end", flush=True)
+    time.sleep(60)
+entry.main = lambda: threading.Thread(target=linger).start()
+entry.run()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no process there ends by a signal")
+def test_ctrl_c_while_a_finished_command_waits_for_a_thread_says_nothing():
+    process = subprocess.Popen(
+        [sys.executable, "-c", LINGERS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
+    )
+    assert process.stdout.readline() == "at its end\n"
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert (process.returncode, said) == (-signal.SIGINT, "")
