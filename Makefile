@@ -35,6 +35,7 @@ lint: $(VENV)/.installed-lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/deptry fastcoil
 
 # numbers and tables of the studies into the pages that quote them
 .PHONY: pages
@@ -116,3 +117,13 @@ test-floors:
 	.venv-floors/bin/python -m pip install --quiet uv
 	.venv-floors/bin/uv pip install --quiet --python .venv-floors --resolution lowest-direct --editable . --group test
 	.venv-floors/bin/python -m pytest
+
+# the suite with the newest numpy, numba and xarray, pre-releases included, whatever pyproject.toml allows; may fail
+.PHONY: test-newest
+test-newest:
+	$(PYTHON) -m venv .venv-newest
+	.venv-newest/bin/python -m pip install --quiet --upgrade "pip>=25.1"
+	.venv-newest/bin/python -m pip install --quiet --editable . --group test
+	.venv-newest/bin/python -m pip install --quiet --upgrade --pre numba numpy xarray
+	.venv-newest/bin/python -m pip list | grep -iE '^(numba|numpy|xarray) '
+	.venv-newest/bin/python -m pytest -n auto --maxprocesses 4 --dist worksteal

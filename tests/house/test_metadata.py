@@ -80,7 +80,7 @@ def test_the_conda_recipe_agrees_with_the_project():
     assert dict([entry.split(" = ")]) == PYPROJECT["project"]["scripts"]
 
 
-def test_the_workflow_runs_what_the_classifiers_promise():
+def test_the_workflow_runs_at_least_what_the_classifiers_claim():
     yaml = pytest.importorskip("yaml")
     paths = list((ROOT / ".github" / "workflows").glob("*.yml"))
     assert paths
@@ -94,11 +94,11 @@ def test_the_workflow_runs_what_the_classifiers_promise():
     matrix = yaml.safe_load((ROOT / ".github/workflows/tests.yml").read_text())["jobs"]["tests"]["strategy"]["matrix"]
     classifiers = PYPROJECT["project"]["classifiers"]
     minor = [c.split(" :: ")[-1] for c in classifiers if re.search(r":: 3\.\d+$", c)]
-    assert matrix["python"] == minor
+    assert set(minor) <= set(matrix["python"])
     assert PYPROJECT["project"]["requires-python"] == f">={minor[0]}"
     systems = {"ubuntu": "POSIX :: Linux", "windows": "Microsoft :: Windows", "macos": "MacOS"}
-    assert {f"Operating System :: {systems[name.partition('-')[0]]}" for name in matrix["os"]} == {
-        c for c in classifiers if c.startswith("Operating System")
+    assert {c for c in classifiers if c.startswith("Operating System")} <= {
+        f"Operating System :: {systems[name.partition('-')[0]]}" for name in matrix["os"]
     }
 
 
